@@ -1,0 +1,132 @@
+//! A disturbance cut out of a stream, and what screening says of it.
+
+use crate::measurement::Record;
+
+/// Why a detector opened (or extended) a window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Trigger {
+    /// The voltage fell below the dip threshold (IEC 61000-4-30 terms).
+    VoltageDip,
+    /// The voltage rose above the swell threshold.
+    VoltageSwell,
+    /// The voltage moved by more than the step threshold within the step time.
+    VoltageStep,
+    /// The frequency left the band around nominal.
+    FrequencyExcursion,
+    /// The frequency moved faster than the rate-of-change threshold.
+    RateOfChangeOfFrequency,
+    /// The whole recording was declared one disturbance by whoever recorded it.
+    Recording,
+}
+
+/// Why a window was closed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Closing {
+    /// Voltage and frequency were back in their bands and the post-trigger time had passed.
+    Recovered,
+    /// The longest admissible window was reached.
+    LongestReached,
+    /// The stream jumped in time.
+    StreamGap,
+    /// No sample arrived for longer than the silence limit, or the service is stopping.
+    StreamSilent,
+    /// The recording ended.
+    RecordingEnded,
+}
+
+/// A disturbance with the time before and after it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Window {
+    /// Stable identifier: site and onset time, the same however often the data arrive.
+    pub id: String,
+    /// Site the load belongs to.
+    pub site: String,
+    /// The samples.
+    pub record: Record,
+    /// Index in `record.samples` of the first sample that met a trigger.
+    pub onset: usize,
+    /// Every trigger that was met, in order of first appearance.
+    pub triggers: Vec<Trigger>,
+    /// Why the window ended.
+    pub closing: Closing,
+}
+
+impl Window {
+    /// Time of the onset, UTC nanoseconds.
+    #[must_use]
+    pub fn onset_ns(&self) -> i64 {
+        self.record.time_ns(self.onset)
+    }
+}
+
+/// One objection of screening, with the number that caused it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ScreeningReason {
+    /// Too little voltage change to see a load response.
+    TooShallow {
+        /// Largest voltage change, pu.
+        change_pu: f64,
+        /// Least change required, pu.
+        required_pu: f64,
+    },
+    /// Too few usable samples.
+    TooManyBadSamples {
+        /// Usable share, 0 to 1.
+        usable_share: f64,
+        /// Least share required, 0 to 1.
+        required_share: f64,
+    },
+    /// The record before the onset is too short to know the operating point.
+    PreEventTooShort {
+        /// Seconds before the onset.
+        seconds: f64,
+        /// Seconds required.
+        required_s: f64,
+    },
+    /// The operating point moved before the onset.
+    PreEventNotSteady {
+        /// Range of the voltage before the onset, pu.
+        voltage_range_pu: f64,
+    },
+    /// Negative-sequence voltage above the limit: an unbalanced fault.
+    Unbalanced {
+        /// Largest negative-sequence ratio.
+        ratio: f64,
+        /// Limit.
+        limit: f64,
+    },
+    /// Active power changes sign or is not positive: generation or transit, not a load.
+    NotALoad {
+        /// Lowest active power, pu.
+        lowest_active_pu: f64,
+        /// Highest active power, pu.
+        highest_active_pu: f64,
+    },
+    /// The power moves without the voltage: the load itself was switched, or the fault is inside it.
+    PowerDoesNotFollowVoltage {
+        /// Share of the power's variation that voltage and frequency explain, 0 to 1.
+        explained_share: f64,
+    },
+    /// The power before the onset is too small against its noise.
+    NoPower {
+        /// Mean active power before the onset, pu.
+        active_pu: f64,
+    },
+}
+
+/// The verdict of screening on one window.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Screening {
+    /// Objections that forbid the use of the window; empty when it is usable.
+    pub refusals: Vec<ScreeningReason>,
+    /// Objections that are kept with the window but do not forbid its use.
+    pub marks: Vec<ScreeningReason>,
+}
+
+impl Screening {
+    /// Whether the window may be fitted.
+    #[must_use]
+    pub fn usable(&self) -> bool {
+        self.refusals.is_empty()
+    }
+}
