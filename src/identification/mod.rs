@@ -4,9 +4,16 @@
 pub mod comparison;
 pub mod decision;
 pub mod errors;
+pub mod estimates;
+pub mod evaluate;
+pub mod fit;
+pub mod hold_out;
 pub mod identify;
+pub mod intake;
+pub mod joint_problem;
 pub mod parameter_set;
 pub mod solution;
+pub mod validate;
 pub mod verdict;
 
 pub use comparison::Comparison;

@@ -55,7 +55,10 @@ pub struct MotorOutput<S> {
 
 impl<S> Default for MotorOutput<S> {
     fn default() -> Self {
-        Self { active: Vec::new(), reactive: Vec::new() }
+        Self {
+            active: Vec::new(),
+            reactive: Vec::new(),
+        }
     }
 }
 
