@@ -16,6 +16,8 @@ pub struct FittedModel {
     pub motor: MotorCoordinates<f64>,
     /// Shares and static part, relative to P0.
     pub linear: LinearCoefficients,
+    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`).
+    pub frequency_scaled_power: bool,
 }
 
 /// Static ZIP coefficients of P and Q fitted to some events: the model to be better than.
@@ -46,8 +48,17 @@ impl FittedModel {
         let beta = self.linear.to_array();
         let q0 = event.q0_pu / event.p0_pu;
         let row = |k: usize| {
-            linear_rows(event.voltage[k], out.active[k] * (1.0+ *super::joint_problem::FSP*event.frequency_deviation[k]), out.reactive[k] - rest)
-                .map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>())
+            let factor = if self.frequency_scaled_power {
+                1.0 + event.frequency_deviation[k]
+            } else {
+                1.0
+            };
+            linear_rows(
+                event.voltage[k],
+                out.active[k] * factor,
+                out.reactive[k] - rest,
+            )
+            .map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>())
         };
         let (active, reactive) = (0..event.len())
             .map(row)

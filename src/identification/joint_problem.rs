@@ -48,6 +48,8 @@ pub struct ProblemOptions {
     /// Standard deviation of a weak prior on the static coefficients around 0.2: it decides only
     /// what the data leave open. Default 1.
     pub static_prior_deviation: f64,
+    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`). Default no.
+    pub frequency_scaled_power: bool,
 }
 
 impl Default for ProblemOptions {
@@ -57,6 +59,7 @@ impl Default for ProblemOptions {
             linear_upper: [0.95, 1.2, 1.4, 2.0, 2.5],
             composition_spread: [0.025, 0.02, 0.02, 0.02, 0.02],
             static_prior_deviation: 1.0,
+            frequency_scaled_power: false,
         }
     }
 }
@@ -121,6 +124,12 @@ impl<'a> JointProblem<'a> {
         }
     }
 
+    /// The settings.
+    #[must_use]
+    pub const fn options(&self) -> &ProblemOptions {
+        &self.options
+    }
+
     /// Plain simulations and simulations with sensitivities so far, one event each.
     pub fn simulations(&self) -> (u64, u64) {
         (
@@ -145,7 +154,16 @@ impl<'a> JointProblem<'a> {
             self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(event, &gram(event, &out, rest, |d| d.derivatives));
+            sum += self.marginal(
+                event,
+                &gram(
+                    event,
+                    &out,
+                    rest,
+                    self.options.frequency_scaled_power,
+                    |d| d.derivatives,
+                ),
+            );
         }
         self.solve(&sum).filter(|p| p.objective.is_finite())
     }
@@ -161,7 +179,16 @@ impl<'a> JointProblem<'a> {
             self.simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(event, &gram(event, &out, rest, |_| [0.0; OUTER]));
+            sum += self.marginal(
+                event,
+                &gram(
+                    event,
+                    &out,
+                    rest,
+                    self.options.frequency_scaled_power,
+                    |_| [0.0; OUTER],
+                ),
+            );
         }
         let (h, g) = self.linear_system(&sum);
         let beta = self.linear_optimum(&h, &g)?;
@@ -332,22 +359,26 @@ pub(super) fn linear_rows(voltage: f64, active: f64, reactive_change: f64) -> [[
     ]
 }
 
-pub static FSP: std::sync::LazyLock<f64> = std::sync::LazyLock::new(|| std::env::var("FSP").ok().and_then(|x| x.parse().ok()).unwrap_or(0.0));
 fn gram<S: Scalar>(
     event: &PreparedEvent,
     out: &MotorOutput<S>,
     rest: S,
+    frequency_scaled: bool,
     derivatives: impl Fn(S) -> [f64; OUTER],
 ) -> Gram {
     let mut sum = Gram::zeros();
     let q0 = event.q0_pu / event.p0_pu;
     for k in (0..event.len()).filter(|&k| event.used[k]) {
         let reactive = out.reactive[k] - rest;
-        let fsp = 1.0 + event.frequency_deviation[k] * *FSP;
-        let rows = linear_rows(event.voltage[k], out.active[k].value() * fsp, reactive.value());
+        let active = if frequency_scaled {
+            out.active[k] * (1.0 + event.frequency_deviation[k])
+        } else {
+            out.active[k]
+        };
+        let rows = linear_rows(event.voltage[k], active.value(), reactive.value());
         let measured = [event.active[k] - 1.0, event.reactive[k] - q0];
         let deviation = [event.active_deviation[k], event.reactive_deviation[k]];
-        let sensitivity = [derivatives(out.active[k]), derivatives(reactive)];
+        let sensitivity = [derivatives(active), derivatives(reactive)];
         for channel in 0..2 {
             let mut row = [0.0; COLUMNS];
             row[..OUTER].copy_from_slice(&sensitivity[channel]);

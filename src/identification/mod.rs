@@ -19,7 +19,9 @@ pub mod verdict;
 pub use comparison::Comparison;
 pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
-pub use identify::{Identification, IdentificationError, IdentificationOptions, compare, identify};
+pub use identify::{
+    Identification, IdentificationError, IdentificationOptions, Split, compare, errors_on, identify,
+};
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};
 pub use verdict::{ChannelVerdict, Decision, Verdict, VerdictStatus};

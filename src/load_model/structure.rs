@@ -97,6 +97,12 @@ impl Structure {
         Ok(Self { parts })
     }
 
+    /// Whether the structure has this part.
+    #[must_use]
+    pub fn contains(&self, name: &str) -> bool {
+        self.parts.iter().any(|p| p.name == name)
+    }
+
     /// The names, in order.
     #[must_use]
     pub fn names(&self) -> Vec<String> {

@@ -73,7 +73,8 @@ fn slow_departure(series: &Series, end: usize) -> Option<usize> {
     let middle = |x: &[f64]| median(&mut x[..reference].to_vec());
     let (v0, f0) = (middle(&series.voltage), middle(&series.frequency_hz));
     let v_limit = (5.0 * noise_sigma(&series.voltage[..reference])).max(VOLTAGE_DEPARTURE * v0);
-    let f_limit = (6.0 * noise_sigma(&series.frequency_hz[..reference])).max(FREQUENCY_DEPARTURE_HZ);
+    let f_limit =
+        (6.0 * noise_sigma(&series.frequency_hz[..reference])).max(FREQUENCY_DEPARTURE_HZ);
     let mean =
         |x: &[f64], k: usize| x[k - HALF..=k + HALF].iter().sum::<f64>() / (2 * HALF + 1) as f64;
     (reference..end - HALF).find(|&k| {

@@ -1,6 +1,8 @@
 //! The steps of intake in order.
 
-use super::{Unusable, edges, frequency, operating_point, series::Series, smoothing, spikes, weights};
+use super::{
+    Unusable, edges, frequency, operating_point, series::Series, smoothing, spikes, weights,
+};
 use crate::{disturbance::Window, load_model::TerminalInput};
 use std::f64::consts::PI;
 
