@@ -17,7 +17,10 @@ use nalgebra::{DMatrix, DVector, SMatrix};
 use super::intake::PreparedEvent;
 use crate::{
     load_model::{LinearCoefficients, MotorCoordinates, MotorOutput},
-    numerics::{Bounds, Dual, Expansion, Objective, Scalar, quadratic_program},
+    numerics::{
+        Bounds, Dual, Expansion, Objective, Scalar,
+        quadratic_program::{LinearConstraints, QuadraticProgram},
+    },
 };
 
 /// Outer unknowns: ln alpha, ln nu, kappa.
@@ -240,14 +243,18 @@ impl<'a> JointProblem<'a> {
     }
 
     fn linear_optimum(&self, h: &DMatrix<f64>, g: &DVector<f64>) -> Option<[f64; LINEAR]> {
-        if h.iter().chain(g.iter()).any(|x| !x.is_finite()) {
-            return None;
-        }
-        let bounds = Bounds {
-            lower: DVector::from_column_slice(&self.options.linear_lower),
-            upper: DVector::from_column_slice(&self.options.linear_upper),
+        let program = QuadraticProgram {
+            hessian: h.clone(),
+            gradient: g.clone(),
+            bounds: Bounds {
+                lower: DVector::from_column_slice(&self.options.linear_lower),
+                upper: DVector::from_column_slice(&self.options.linear_upper),
+            },
+            equalities: LinearConstraints::none(LINEAR),
+            inequalities: LinearConstraints::none(LINEAR),
         };
-        let x = quadratic_program::minimise_in_box(h, g, &bounds)?;
+        // Fails only where the simulation was not finite.
+        let x = program.minimise().ok()?.x;
         let mut beta = [0.0; LINEAR];
         beta.copy_from_slice(x.as_slice());
         Some(beta)

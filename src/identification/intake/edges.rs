@@ -21,8 +21,8 @@ pub(super) fn steps_at_edges(series: &Series) -> Vec<bool> {
             let from = k.saturating_sub(SURROUNDINGS);
             let to = (k + SURROUNDINGS + 1).min(n);
             let ordinary = |part: usize| {
-                let mut around: Vec<f64> = steps[from..to].iter().map(|s| s[part]).collect();
-                median(&mut around)
+                let around: Vec<f64> = steps[from..to].iter().map(|s| s[part]).collect();
+                median(&around)
             };
             let [re, im] = steps[k];
             (re - ordinary(0)).hypot(im - ordinary(1)) > threshold

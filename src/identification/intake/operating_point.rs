@@ -70,7 +70,7 @@ fn slow_departure(series: &Series, end: usize) -> Option<usize> {
     if end < reference + HALF {
         return None;
     }
-    let middle = |x: &[f64]| median(&mut x[..reference].to_vec());
+    let middle = |x: &[f64]| median(&x[..reference]);
     let (v0, f0) = (middle(&series.voltage), middle(&series.frequency_hz));
     let v_limit = (5.0 * noise_sigma(&series.voltage[..reference])).max(VOLTAGE_DEPARTURE * v0);
     let f_limit =

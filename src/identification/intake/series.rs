@@ -1,6 +1,6 @@
 //! The channels of a window as plain series, gaps bridged for the model's input and remembered.
 
-use crate::measurement::Record;
+use crate::{measurement::Record, numerics::statistics};
 use std::f64::consts::PI;
 
 /// Channels of one window. Bridged values serve the model's input only; `bad` keeps them out of
@@ -111,37 +111,15 @@ fn integrated(frequency_hz: &[f64], nominal_hz: f64, rate_fps: f64) -> Vec<f64> 
     out
 }
 
-/// Noise of a series from its second differences, which a slow trend does not touch:
-/// `1.4826 median |d - median d| / sqrt(6)` for white noise.
+/// Noise of a series from its second differences, which a slow trend does not touch; 0 where
+/// there are too few samples.
 pub(super) fn noise_sigma(values: &[f64]) -> f64 {
-    let mut d: Vec<f64> = values
-        .windows(3)
-        .map(|w| w[0] - 2.0 * w[1] + w[2])
-        .collect();
-    if d.is_empty() {
-        return 0.0;
-    }
-    let middle = median(&mut d);
-    let mut deviation: Vec<f64> = d.iter().map(|x| (x - middle).abs()).collect();
-    1.4826 * median(&mut deviation) / 6.0_f64.sqrt()
+    statistics::noise_sigma_from_second_differences(values).unwrap_or(0.0)
 }
 
-/// Median; reorders its argument. 0 for an empty slice.
-pub(super) fn median(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    let (below, at, _) = values.select_nth_unstable_by(middle, f64::total_cmp);
-    let upper = *at;
-    if values.len() % 2 == 1 {
-        return upper;
-    }
-    let lower = values[..middle]
-        .iter()
-        .copied()
-        .fold(f64::NEG_INFINITY, f64::max);
-    0.5 * (lower + upper)
+/// Median; 0 of nothing.
+pub(super) fn median(values: &[f64]) -> f64 {
+    statistics::median(values).unwrap_or(0.0)
 }
 
 #[cfg(test)]
@@ -168,10 +146,5 @@ mod tests {
     fn a_trend_is_not_noise() {
         let trend: Vec<f64> = (0..50).map(|k| 3.0 * f64::from(k)).collect();
         assert!(noise_sigma(&trend) < 1e-12);
-    }
-
-    #[test]
-    fn the_median_of_an_even_count_lies_between_the_middle_two() {
-        assert!((median(&mut [4.0, 1.0, 3.0, 2.0]) - 2.5).abs() < 1e-15);
     }
 }

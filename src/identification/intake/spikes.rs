@@ -17,8 +17,8 @@ const VOLTAGE_EXPLAINS: f64 = 0.02;
 pub(super) fn remove(series: &mut Series) -> usize {
     let n = series.len();
     let size = |x: &[f64]| {
-        let mut magnitudes: Vec<f64> = x.iter().map(|y| y.abs()).collect();
-        super::series::median(&mut magnitudes).max(1e-6)
+        let magnitudes: Vec<f64> = x.iter().map(|y| y.abs()).collect();
+        super::series::median(&magnitudes).max(1e-6)
     };
     let active_size = size(&series.active).max(size(&series.reactive));
     let mut spikes = Vec::new();
