@@ -30,12 +30,17 @@ impl Default for SearchOptions {
         let mut options = trust_tech::Options {
             tiers_max: 3,
             step: 0.04,
+            // A local solution with three times the squared error of the best describes another
+            // load; what lies behind it is not this load's either.
+            explore_within: 3.0,
+            evaluations_max: 4000,
             ..trust_tech::Options::default()
         };
         // The objective is a sum of squares of some thousand samples: a relative decrease below
-        // 1e-9 moves no parameter by a hundredth of its standard error.
-        options.local.decrease_relative = 1e-9;
-        options.local.step_relative = 1e-9;
+        // 1e-8 moves no parameter by a hundredth of its standard error.
+        options.local.decrease_relative = 1e-8;
+        options.local.step_relative = 1e-7;
+        options.local.evaluations_max = 120;
         Self {
             trust_tech: options,
             grid_starts: 3,

@@ -51,6 +51,10 @@ pub struct Options {
     pub box_directions: bool,
     /// Largest number of tiers. Default 4. Tier 0 are the starts' own minima.
     pub tiers_max: usize,
+    /// Solutions whose objective exceeds this multiple of the best one's are kept but not explored
+    /// further. Default infinite: every solution is explored; at least 1. Meant for objectives
+    /// that are not negative.
+    pub explore_within: f64,
     /// Calls of the objective after which no further direction is begun. Default 100 000.
     pub evaluations_max: u64,
     /// Settings of the local solver.
@@ -69,6 +73,7 @@ impl Default for Options {
             both_signs: true,
             box_directions: true,
             tiers_max: 4,
+            explore_within: f64::INFINITY,
             evaluations_max: 100_000,
             local: local_solver::Options::default(),
         }

@@ -91,6 +91,9 @@ impl Explorer<'_> {
             let tier_before = begun..self.solutions.len();
             begun = tier_before.end;
             for index in tier_before {
+                if !self.worth_exploring(index) {
+                    continue;
+                }
                 if let Some(ended) = self.follow_all_from(index, tier) {
                     return ended;
                 }
@@ -102,6 +105,14 @@ impl Explorer<'_> {
         Ended::TiersExhausted {
             limit: self.options.tiers_max,
         }
+    }
+
+    /// Whether a solution is good enough, against the best so far, to lead anywhere.
+    fn worth_exploring(&self, index: usize) -> bool {
+        let best = (self.solutions.iter())
+            .map(|s| s.local.value)
+            .fold(f64::INFINITY, f64::min);
+        self.solutions[index].local.value <= self.options.explore_within * best
     }
 
     /// Explores every direction of one solution. Returns a reason to end, if there is one.
