@@ -3,6 +3,7 @@
 use super::{
     Bases, Comparison, Cost, DirectionRecord, ErrorSummary, OperatingPoint, ParameterSet, Solution,
     Verdict,
+    edge_timing::align,
     estimates::{self, Estimates},
     evaluate::{FittedModel, StaticModel, errors},
     fit::{Fit, FitSolution, SearchOptions, fit},
@@ -141,16 +142,13 @@ pub fn identify(
         frequency_scaled_power: structure.contains("frequency_scaled_power"),
         ..options.problem
     };
-    let found = fit(&fitted, problem, &options.search, cancel);
-    if cancel() {
-        return Err(IdentificationError::Cancelled);
-    }
-    let found = found.ok_or(IdentificationError::NoSolution)?;
+    let (found, fitted) = fit_aligned(fitted, problem, &options.search, cancel)?;
     let operating_point = median_operating_point(&fitted);
     let best = found
         .solutions
         .first()
         .ok_or(IdentificationError::NoSolution)?;
+    let held: Vec<PreparedEvent> = held.iter().map(|e| align(&best.model, e)).collect();
     let reference = StaticModel::fit(&fitted);
     let infeasible = |_| IdentificationError::NoSolution;
     let fit_errors = errors(&best.model, &reference, &fitted).map_err(infeasible)?;
@@ -194,6 +192,41 @@ pub fn identify(
     })
 }
 
+/// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
+/// explain P and Q best, until the objective settles.
+fn fit_aligned(
+    mut events: Vec<PreparedEvent>,
+    problem: ProblemOptions,
+    search: &SearchOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<(Fit, Vec<PreparedEvent>), IdentificationError> {
+    const ROUNDS_MAX: usize = 8;
+    const SETTLED: f64 = 0.01;
+    let mut before: Option<f64> = None;
+    let mut spent = Cost::default();
+    for round in 1.. {
+        let found = fit(&events, problem, search, cancel);
+        if cancel() {
+            return Err(IdentificationError::Cancelled);
+        }
+        let mut found = found.ok_or(IdentificationError::NoSolution)?;
+        spent.simulations += found.cost.simulations;
+        spent.sensitivity_simulations += found.cost.sensitivity_simulations;
+        found.cost = spent;
+        let Some(best) = found.solutions.first() else {
+            break;
+        };
+        let objective = best.point.objective;
+        let settled = before.is_some_and(|b| b - objective < SETTLED * b);
+        if settled || round == ROUNDS_MAX || events.iter().all(|e| e.edges.is_empty()) {
+            return Ok((found, events));
+        }
+        before = Some(objective);
+        events = events.iter().map(|e| align(&best.model, e)).collect();
+    }
+    Err(IdentificationError::NoSolution)
+}
+
 /// Simulates a parameter set on each window that can be used.
 ///
 /// # Errors
@@ -209,6 +242,7 @@ pub fn compare(
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
+    let events: Vec<PreparedEvent> = events.iter().map(|e| align(&model, e)).collect();
     let reference = StaticModel::fit(&events);
     let summary =
         errors(&model, &reference, &events).map_err(|_| IdentificationError::NoSolution)?;
@@ -242,6 +276,7 @@ pub fn errors_on(
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
+    let events: Vec<PreparedEvent> = events.iter().map(|e| align(&model, e)).collect();
     errors(&model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
 }
 

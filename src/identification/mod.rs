@@ -3,6 +3,7 @@
 
 pub mod comparison;
 pub mod decision;
+pub mod edge_timing;
 pub mod errors;
 pub mod estimates;
 pub mod evaluate;

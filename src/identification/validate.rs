@@ -284,7 +284,8 @@ fn channel_verdicts(
             let errors: Vec<f64> = segment
                 .samples
                 .clone()
-                .filter(|&k| event.used[k])
+                // A phasor filter smears what lies within two cycles of an edge.
+                .filter(|&k| event.used[k] && !event.near_edge[k])
                 .map(|k| modelled[k] - measured[k])
                 .collect();
             if errors.is_empty() {

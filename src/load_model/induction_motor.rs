@@ -103,9 +103,7 @@ impl<S: Scalar> MotorCoordinates<S> {
     ) -> Result<(), Infeasible> {
         let start = self.steady_state()?;
         let strength = S::constant(2.0) / self.kappa;
-        let substeps = self.substeps(input);
-        let step_s = input.sample_interval_s / substeps as f64;
-        let stride = input.points_per_sample as f64 / substeps as f64;
+        let ordinary = self.substeps(input);
         // The rotor stands still at most: a stalled motor does not turn backwards.
         let slowest = -input.synchronous_speed_rad_s;
         let mut state = start;
@@ -120,6 +118,13 @@ impl<S: Scalar> MotorCoordinates<S> {
             if sample + 1 == input.sample_count() {
                 break;
             }
+            let substeps = if input.jumps[sample] {
+                ordinary.max(input.points_per_sample)
+            } else {
+                ordinary
+            };
+            let step_s = input.sample_interval_s / substeps as f64;
+            let stride = input.points_per_sample as f64 / substeps as f64;
             let mut left = u;
             for j in 0..substeps {
                 let from = origin + j as f64 * stride;
@@ -205,6 +210,7 @@ mod tests {
             imaginary: grid.iter().map(|u| u[1]).collect(),
             points_per_sample: points,
             sample_interval_s: 1.0 / 60.0,
+            jumps: vec![true; samples - 1],
             synchronous_speed_rad_s: 376.99,
         }
     }

@@ -51,6 +51,10 @@ const CATALOGUE: &[Part] = &[
         name: "induction_motor",
         version: 1,
     },
+    Part {
+        name: "frequency_scaled_power",
+        version: 1,
+    },
 ];
 
 impl Structure {

@@ -15,6 +15,9 @@ pub struct TerminalInput {
     pub points_per_sample: usize,
     /// Time between measured samples, seconds.
     pub sample_interval_s: f64,
+    /// For each interval between samples, whether the phasor jumps within it: the integrator then
+    /// follows every fine grid point.
+    pub jumps: Vec<bool>,
     /// Synchronous angular speed before the disturbance, rad/s.
     pub synchronous_speed_rad_s: f64,
 }

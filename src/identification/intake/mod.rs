@@ -13,6 +13,7 @@ mod smoothing;
 mod spikes;
 mod weights;
 
+pub use edges::Edge;
 pub use prepare::{IntakeOptions, PreparedEvent, prepare};
 
 use crate::disturbance::ScreeningReason;

@@ -1,7 +1,12 @@
 //! The steps of intake in order.
 
 use super::{
-    Unusable, edges, frequency, operating_point, series::Series, smoothing, spikes, weights,
+    Unusable,
+    edges::{self, Edge},
+    frequency, operating_point,
+    series::Series,
+    smoothing::{self, LogPhasor},
+    spikes, weights,
 };
 use crate::{disturbance::Window, load_model::TerminalInput};
 use std::f64::consts::PI;
@@ -76,6 +81,12 @@ pub struct PreparedEvent {
     pub highest_voltage: f64,
     /// How well P0 and Q0 are known, relative to P0 (standard deviation).
     pub operating_point_deviation: f64,
+    /// Jumps of the terminal phasor between unfiltered samples; empty where a filter has spread
+    /// them.
+    pub edges: Vec<Edge>,
+    /// ln|u| and angle at the samples, smoothed: what `input` was made of.
+    smooth: Vec<LogPhasor>,
+    at_edge: Vec<bool>,
     /// Isolated spikes that were removed.
     pub spikes: usize,
 }
@@ -85,6 +96,22 @@ impl PreparedEvent {
     #[must_use]
     pub fn len(&self) -> usize {
         self.voltage.len()
+    }
+
+    /// The same event with the jumps of the voltage moved to other instants, in samples.
+    #[must_use]
+    pub fn with_edge_positions(&self, positions: &[f64]) -> Self {
+        let mut moved = self.clone();
+        for (edge, position) in moved.edges.iter_mut().zip(positions) {
+            edge.position = *position;
+        }
+        (moved.input.real, moved.input.imaginary) = smoothing::reconstruct(
+            &moved.smooth,
+            &moved.at_edge,
+            &moved.edges,
+            moved.input.points_per_sample,
+        );
+        moved
     }
 
     /// Whether there is no sample.
@@ -115,7 +142,7 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
     if usable < required {
         return Err(Unusable::TooFewSamples { usable, required });
     }
-    let at_edge = edges::steps_at_edges(&series);
+    let mut at_edge = edges::steps_at_edges(&series);
     let before = operating_point::find(&series, &at_edge, window.onset);
     if !(before.voltage.is_finite() && before.voltage > 0.05) {
         return Err(Unusable::NoVoltage {
@@ -123,16 +150,27 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
         });
     }
     let noise = edges::input_noise(&series);
-    let smooth = terminal_phasor(&series, &before, &at_edge, noise);
+    let raw = terminal_phasor(&series, &before);
+    // Behind a phasor filter the smeared voltage goes with smeared P and Q; only samples that no
+    // filter has touched show true jumps, whose instant they leave open.
+    let edges = edges::unfiltered_jumps(&raw, &at_edge).unwrap_or_default();
+    let instantaneous = !edges.is_empty();
+    if instantaneous {
+        at_edge.fill(false);
+        edges.iter().for_each(|edge| at_edge[edge.left] = true);
+    }
+    let smooth = smoothing::smooth(&raw, &series, &at_edge, noise);
     let phasor: Vec<[f64; 2]> = smooth
         .iter()
         .map(|l| [l[0].exp() * l[1].cos(), l[0].exp() * l[1].sin()])
         .collect();
     check_disturbance(&phasor, &series, options)?;
-    let (real, imaginary) = smoothing::reconstruct(&smooth, &at_edge, POINTS_PER_SAMPLE);
+    let (real, imaginary) = smoothing::reconstruct(&smooth, &at_edge, &edges, POINTS_PER_SAMPLE);
     let scaled = |x: &[f64]| x.iter().map(|y| y / before.active).collect::<Vec<_>>();
     let (active, reactive) = (scaled(&series.active), scaled(&series.reactive));
     let weigh = |values: &[f64], share: f64| {
+        // Samples that no filter has spread are right up to the jump itself.
+        let share = if instantaneous { 0.0 } else { share };
         weights::channel(values, &phasor, before.samples, noise, share)
     };
     let active_weights = weigh(&active, options.edge_share_active);
@@ -156,6 +194,7 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
             points_per_sample: POINTS_PER_SAMPLE,
             sample_interval_s: 1.0 / series.rate_fps,
             synchronous_speed_rad_s: 2.0 * PI * before.frequency_hz,
+            jumps: at_edge.clone(),
         },
         lowest_voltage: voltage.iter().copied().fold(f64::INFINITY, f64::min),
         highest_voltage: voltage.iter().copied().fold(f64::NEG_INFINITY, f64::max),
@@ -175,18 +214,16 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
         } else {
             UNKNOWN_OPERATING_POINT
         },
+        edges,
+        smooth,
+        at_edge,
         spikes,
     })
 }
 
-/// ln|V/V0| and angle without the pre-event slope, smoothed.
-fn terminal_phasor(
-    series: &Series,
-    before: &operating_point::PreEvent,
-    at_edge: &[bool],
-    noise: f64,
-) -> Vec<smoothing::LogPhasor> {
-    let raw: Vec<smoothing::LogPhasor> = (0..series.len())
+/// ln|V/V0| and angle without the pre-event slope.
+fn terminal_phasor(series: &Series, before: &operating_point::PreEvent) -> Vec<LogPhasor> {
+    (0..series.len())
         .map(|k| {
             let turn = before.angle + before.angle_slope * k as f64;
             [
@@ -194,8 +231,7 @@ fn terminal_phasor(
                 series.angle[k] - turn,
             ]
         })
-        .collect();
-    smoothing::smooth(&raw, series, at_edge, noise)
+        .collect()
 }
 
 fn check_disturbance(

@@ -5,7 +5,7 @@
 //! across an edge. Without this the noise of V and angle biases Kpm low: it is multiplied by
 //! Kpm / X' inside the motor.
 
-use super::series::Series;
+use super::{edges::Edge, series::Series};
 
 /// Longest half window, seconds.
 const HALF_WINDOW_S: f64 = 0.1;
@@ -97,41 +97,96 @@ fn local_quadratic(
     Some(([fit[(0, 0)], fit[(0, 1)]], (sum / freedom).sqrt()))
 }
 
-/// The phasor between samples: cubic in ln|V| and angle where neighbouring steps are ordinary,
-/// linear across an edge. Returns real and imaginary parts, `points` per sample interval.
+/// The phasor between samples: cubic in ln|V| and angle where neighbouring steps are ordinary; at an
+/// edge, both sides extended to the instant of the jump; linear in a run of steps that is no single
+/// jump. Returns real and imaginary parts, `points`
+/// per sample interval.
+///
+/// The jump itself is spread over one fine interval, linearly, which keeps its time integral
+/// whatever its place on the fine grid.
 pub(super) fn reconstruct(
     smooth: &[LogPhasor],
     at_edge: &[bool],
+    edges: &[Edge],
     points: usize,
 ) -> (Vec<f64>, Vec<f64>) {
     let n = smooth.len();
-    let fine = (n.saturating_sub(1)) * points + 1;
+    let fine = n.saturating_sub(1) * points + 1;
     let (mut real, mut imaginary) = (Vec::with_capacity(fine), Vec::with_capacity(fine));
     let mut put = |[log, angle]: LogPhasor| {
         let v = log.exp();
         real.push(v * angle.cos());
         imaginary.push(v * angle.sin());
     };
+    let mut next_edge = 0;
     for k in 0..n.saturating_sub(1) {
-        let slope = |i: usize| slope_at(smooth, at_edge, i);
-        let (left, right) = (slope(k), slope(k + 1));
+        while next_edge < edges.len() && edges[next_edge].right <= k {
+            next_edge += 1;
+        }
+        let edge = edges.get(next_edge).filter(|e| e.left <= k);
+        let (left, right) = (
+            slope_at(smooth, at_edge, k),
+            slope_at(smooth, at_edge, k + 1),
+        );
         for j in 0..points {
             let x = j as f64 / points as f64;
-            let part = |c: usize| {
-                let (a, b) = (smooth[k][c], smooth[k + 1][c]);
-                if at_edge[k] {
-                    a + x * (b - a)
-                } else {
-                    hermite(a, b, left[c], right[c], x)
+            put(match edge {
+                Some(edge) => across(smooth, edge, k as f64 + x, points),
+                None if at_edge[k] => {
+                    std::array::from_fn(|c| smooth[k][c] + x * (smooth[k + 1][c] - smooth[k][c]))
                 }
-            };
-            put([part(0), part(1)]);
+                None => std::array::from_fn(|c| {
+                    hermite(smooth[k][c], smooth[k + 1][c], left[c], right[c], x)
+                }),
+            });
         }
     }
     if let Some(last) = smooth.last() {
         put(*last);
     }
     (real, imaginary)
+}
+
+/// The log-phasor at time `t` (in samples) within an edge: parabolas through the three samples on
+/// either side, extended to the jump.
+fn across(smooth: &[LogPhasor], edge: &Edge, t: f64, points: usize) -> LogPhasor {
+    let last = smooth.len() - 1;
+    let low = parabola(
+        smooth,
+        [
+            edge.left,
+            edge.left.saturating_sub(1),
+            edge.left.saturating_sub(2),
+        ],
+        t,
+    );
+    let high = parabola(
+        smooth,
+        [
+            edge.right,
+            (edge.right + 1).min(last),
+            (edge.right + 2).min(last),
+        ],
+        t,
+    );
+    let share = ((t - edge.position) * points as f64 + 0.5).clamp(0.0, 1.0);
+    [
+        low[0] + share * (high[0] - low[0]),
+        low[1] + share * (high[1] - low[1]),
+    ]
+}
+
+/// Newton's interpolation through three samples; constant where two of them coincide.
+fn parabola(smooth: &[LogPhasor], [a, b, c]: [usize; 3], t: f64) -> LogPhasor {
+    if a == b || b == c {
+        return smooth[a];
+    }
+    let x = |k: usize| k as f64;
+    std::array::from_fn(|i| {
+        let slope = |p: usize, q: usize| (smooth[q][i] - smooth[p][i]) / (x(q) - x(p));
+        let curvature = (slope(b, c) - slope(a, b)) / (x(c) - x(a));
+        smooth[a][i] + slope(a, b) * (t - x(a)) + curvature * (t - x(a)) * (t - x(b))
+    })
 }
 
 /// Slope per sample at `k`: central where both neighbouring steps are ordinary, one-sided next to
@@ -170,7 +225,7 @@ mod tests {
         let smooth: Vec<LogPhasor> = (0..8)
             .map(|k| [0.01 * f64::from(k * k), -0.02 * f64::from(k)])
             .collect();
-        let (re, im) = reconstruct(&smooth, &[false; 7], 4);
+        let (re, im) = reconstruct(&smooth, &[false; 7], &[], 4);
         let at = |i: usize| (re[i].hypot(im[i]).ln(), im[i].atan2(re[i]));
         assert!((at(12).0 - 0.09).abs() < 1e-12);
         // Half way between samples 3 and 4: (3.5)^2 * 0.01.
@@ -181,8 +236,13 @@ mod tests {
     #[test]
     fn an_edge_is_not_rounded_by_its_neighbours() {
         let smooth = [[0.0, 0.0], [0.0, 0.0], [-0.5, 0.0], [-0.5, 0.0]];
-        let (re, _) = reconstruct(&smooth, &[false, true, false], 4);
-        assert!(re[..=4].iter().all(|v| (v - 1.0).abs() < 1e-12));
-        assert!(re[8..].iter().all(|v| (v - (-0.5_f64).exp()).abs() < 1e-12));
+        let edge = Edge {
+            left: 1,
+            right: 2,
+            position: 1.5,
+        };
+        let (re, _) = reconstruct(&smooth, &[false, true, false], &[edge], 4);
+        assert!(re[..=5].iter().all(|v| (v - 1.0).abs() < 1e-12));
+        assert!(re[7..].iter().all(|v| (v - (-0.5_f64).exp()).abs() < 1e-12));
     }
 }
