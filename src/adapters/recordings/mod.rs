@@ -5,3 +5,4 @@
 //! writes the CSV folders of offline work.
 
 pub mod comtrade;
+pub mod mapping;
