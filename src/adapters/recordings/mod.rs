@@ -6,3 +6,4 @@
 
 pub mod comtrade;
 pub mod mapping;
+pub mod site_folder;
