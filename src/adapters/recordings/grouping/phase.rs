@@ -67,7 +67,10 @@ pub(super) fn is_residual(channel: &AnalogChannel) -> bool {
 /// Every place in the channel's name that may be its phase and does not contradict its phase field.
 pub(super) fn places(channel: &AnalogChannel) -> Vec<Place> {
     let name: Vec<char> = channel.name.chars().collect();
-    let stated = stated_phase(channel);
+    // Some recorders write the same digit, or a running number, into every phase field.
+    let field = channel.phase.trim();
+    let numbered = !field.is_empty() && field.chars().all(|c| c.is_ascii_digit());
+    let stated = stated_phase(channel).filter(|_| !numbered);
     let mut places = Vec::new();
     for at in 0..name.len() {
         if let Some((phase, between, digit)) = place(&name, at) {

@@ -7,13 +7,16 @@ use crate::adapters::recordings::comtrade::{self, Options};
 
 /// A recording of one sample whose channels are `(name, phase, circuit, unit)`.
 fn recording(channels: &[(&str, &str, &str, &str)]) -> Recording {
+    use std::fmt::Write as _;
     let count = channels.len();
     let mut text = format!("s,r,1999\n{count},{count}A,0D\n");
     for (n, (name, phase, circuit, unit)) in channels.iter().enumerate() {
-        text += &format!(
-            "{},{name},{phase},{circuit},{unit},1,0,0,-9,9,1,1,P\n",
+        writeln!(
+            text,
+            "{},{name},{phase},{circuit},{unit},1,0,0,-9,9,1,1,P",
             n + 1
-        );
+        )
+        .unwrap();
     }
     text += "50\n1\n1000,1\n02/01/2020,0:0:0\n02/01/2020,0:0:0\nASCII\n1\n";
     let data = "1,0".to_owned() + &",0".repeat(count);
@@ -114,6 +117,16 @@ fn numbered_and_plain_channels_are_grouped_by_order_circuit_or_digit() {
         ([6, 7, 8], Evidence::Name),
     ];
     assert_eq!(found, expected);
+}
+
+#[test]
+fn phase_field_that_numbers_every_channel_alike_does_not_hide_the_letters() {
+    let recording = recording(&[
+        ("Ia", "1", "", "A"),
+        ("Ib", "1", "", "A"),
+        ("Ic", "1", "", "A"),
+    ]);
+    assert_eq!(labels(&recording), [("I*".to_owned(), [0, 1, 2])]);
 }
 
 #[test]
