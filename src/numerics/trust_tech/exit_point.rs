@@ -20,6 +20,11 @@ pub(super) enum PathEnd {
 }
 
 impl ExitSearch {
+    /// A path that could not begin.
+    pub(super) fn nowhere(value: f64) -> Self {
+        ended(vec![(0.0, value)], 0.0, false)
+    }
+
     pub(super) fn exit_distance(&self) -> Option<f64> {
         match self.end {
             PathEnd::Exit { .. } => self.profile.last().map(|&(distance, _)| distance),
@@ -57,7 +62,7 @@ pub(super) fn find_exit(
         let y = &x + &unit * step; // step 1
         let Some(next) = project(&x, &y) else {
             // step 2
-            return ended(profile, distance, true);
+            return ended(profile, distance, false);
         };
         if (&next - &x).norm() < PROGRESS_MIN * step {
             break;

@@ -1,4 +1,7 @@
 use super::*;
+
+mod constrained;
+
 use crate::numerics::test_functions::{
     BRANIN, BRANIN_MINIMA, HIMMELBLAU, HIMMELBLAU_MINIMA, SIX_HUMP_CAMEL, SIX_HUMP_CAMEL_MINIMA,
     bounds, point, rastrigin,
@@ -86,6 +89,36 @@ fn every_minimum_of_rastrigin_is_found_in_two_and_three_dimensions() {
     let cube = bounds(&[-1.45; 3], &[1.45; 3]);
     let found = search_box(&rastrigin::<3>(), &cube, &[0.3, -1.2, 0.9]);
     assert_eq!(found.solutions.len(), 27, "{:#?}", found.ended);
+}
+
+#[test]
+fn the_slack_form_finds_the_same_minima_as_the_box() {
+    let options = Options {
+        formulation: Formulation::Slack,
+        tiers_max: 20,
+        ..Options::default()
+    };
+    let run = |problem: &dyn Objective, bounds: &Bounds, start: [f64; 2]| {
+        search(
+            problem,
+            bounds,
+            &[point(&start)],
+            &[],
+            &close,
+            &options,
+            &never,
+        )
+    };
+    let camel = run(
+        &SIX_HUMP_CAMEL,
+        &bounds(&[-3.0, -2.0], &[3.0, 2.0]),
+        [2.0, 1.0],
+    );
+    assert_minima(&camel, &SIX_HUMP_CAMEL_MINIMA);
+    let himmelblau = run(&HIMMELBLAU, &bounds(&[-5.0; 2], &[5.0; 2]), [0.0, 0.0]);
+    assert_minima(&himmelblau, &HIMMELBLAU_MINIMA);
+    let branin = run(&BRANIN, &bounds(&[-5.0, 0.0], &[10.0, 15.0]), [3.0, 2.0]);
+    assert_minima(&branin, &BRANIN_MINIMA);
 }
 
 #[test]
