@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     Bounds, Cost, Objective,
-    objective::{Counted, Expansion},
+    objective::{Counted, Expansion, OutOfRange},
 };
 
 mod model;
@@ -42,8 +42,8 @@ pub struct Options {
     /// First damping, relative to the curvature. Default 1e-3; positive. Smaller trusts a good
     /// start, larger creeps away from a bad one; insensitive between 1e-4 and 1e-1.
     pub damping_initial: f64,
-    /// How often a step out of the objective's domain is halved before it counts as rejected.
-    /// Default 12.
+    /// How often a step out of the objective's domain is halved before the solver gives up; the
+    /// next step begins with twice what was left. Default 45: to a step of 3e-14.
     pub halvings_max: u32,
 }
 
@@ -55,8 +55,35 @@ impl Default for Options {
             decrease_absolute: 1e-30,
             step_relative: 1e-14,
             damping_initial: 1e-3,
-            halvings_max: 12,
+            halvings_max: 45,
         }
+    }
+}
+
+impl Options {
+    /// The settings themselves, when every one is within its range.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] names the first that is not.
+    pub fn checked(self) -> Result<Self, OutOfRange> {
+        let calls = self.evaluations_max;
+        OutOfRange::check("evaluations_max", calls as f64, calls > 0, "at least 1")?;
+        for (field, value) in [
+            ("decrease_relative", self.decrease_relative),
+            ("step_relative", self.step_relative),
+            ("damping_initial", self.damping_initial),
+        ] {
+            OutOfRange::check(field, value, value.is_finite() && value > 0.0, "positive")?;
+        }
+        let absolute = self.decrease_absolute;
+        OutOfRange::check(
+            "decrease_absolute",
+            absolute,
+            absolute >= 0.0,
+            "not negative",
+        )?;
+        Ok(self)
     }
 }
 
@@ -176,6 +203,7 @@ pub fn minimise(
         damping: options.damping_initial,
         damping_growth: 2.0,
         scale: DVector::zeros(start.len()),
+        fraction: 1.0,
         last_was_rejected: false,
     };
     let x = bounds.clamped(start);
@@ -235,6 +263,8 @@ struct Solver<'a> {
     damping_growth: f64,
     /// `D` of the last model.
     scale: DVector<f64>,
+    /// Part of a step that is tried first; below 1 near the edge of the objective's domain.
+    fraction: f64,
     last_was_rejected: bool,
 }
 
@@ -299,32 +329,27 @@ impl Solver<'_> {
 
     /// Raises the damping until a step lowers the objective.
     fn step(&mut self, at: &Iterate, model: &Model<'_>) -> Move {
-        let mut met_edge = false;
         loop {
             if let Some(termination) = self.interruption() {
                 return Move::End(termination);
             }
-            let step = model.damped_step(self.damping);
-            let length = step.as_ref().map_or(f64::INFINITY, |s| self.length(s));
-            if length <= self.options.step_relative || self.damping > DAMPING_MAX {
-                let tolerance = self.options.step_relative;
-                return Move::End(if met_edge {
-                    Termination::EdgeOfDomain {
-                        gained: 0.0,
-                        tolerance,
-                    }
-                } else {
-                    Termination::StepSmall {
-                        step: length,
-                        tolerance,
-                    }
-                });
+            let tolerance = self.options.step_relative;
+            if self.damping > DAMPING_MAX {
+                let step = 0.0;
+                return Move::End(Termination::StepSmall { step, tolerance });
             }
             // Without a step the damped curvature is not positive definite: damp more.
-            let Some(step) = step else {
+            let Some(step) = model.damped_step(self.damping) else {
                 self.raise_damping();
                 continue;
             };
+            let length = self.length(&step);
+            if length <= tolerance {
+                return Move::End(Termination::StepSmall {
+                    step: length,
+                    tolerance,
+                });
+            }
             match self.shortened_until_defined(at, model, step) {
                 Trial::Lower {
                     next,
@@ -336,39 +361,49 @@ impl Solver<'_> {
                     self.adapt_damping(ratio);
                     return Move::To { next, shortened };
                 }
-                Trial::NotLower => met_edge = false,
-                Trial::OutsideDomain => met_edge = true,
+                Trial::OutsideDomain => {
+                    let tolerance = self.tolerance(at.expansion.value);
+                    let edge = Termination::EdgeOfDomain {
+                        gained: 0.0,
+                        tolerance,
+                    };
+                    return Move::End(self.interruption().unwrap_or(edge));
+                }
+                Trial::NotLower => {
+                    self.counted.cost.steps_rejected += 1;
+                    self.last_was_rejected = true;
+                    self.raise_damping();
+                }
             }
-            self.counted.cost.steps_rejected += 1;
-            self.last_was_rejected = true;
-            self.raise_damping();
         }
     }
 
-    /// Tries `step`, halving it while it leads to where the objective does not exist.
+    /// Tries `step`, halving it while it leads to where the objective does not exist. An edge that
+    /// has been met is expected again: the first trial is twice the part that was left last time.
     fn shortened_until_defined(
         &mut self,
         at: &Iterate,
         model: &Model<'_>,
         mut step: DVector<f64>,
     ) -> Trial {
-        for halvings in 0..=self.options.halvings_max {
-            let trial = self.try_step(at, model, &step, halvings > 0);
-            if !matches!(trial, Trial::OutsideDomain) || self.interruption().is_some() {
+        step *= self.fraction;
+        for _ in 0..=self.options.halvings_max {
+            let trial = self.try_step(at, model, &step);
+            if !matches!(trial, Trial::OutsideDomain) {
+                self.fraction = (2.0 * self.fraction).min(1.0);
                 return trial;
             }
+            self.counted.cost.steps_rejected += 1;
+            if self.interruption().is_some() {
+                break;
+            }
             step *= 0.5;
+            self.fraction *= 0.5;
         }
         Trial::OutsideDomain
     }
 
-    fn try_step(
-        &mut self,
-        at: &Iterate,
-        model: &Model<'_>,
-        step: &DVector<f64>,
-        shortened: bool,
-    ) -> Trial {
+    fn try_step(&mut self, at: &Iterate, model: &Model<'_>, step: &DVector<f64>) -> Trial {
         let predicted = model.decrease(step);
         if predicted <= 0.0 {
             return Trial::NotLower;
@@ -376,7 +411,7 @@ impl Solver<'_> {
         let x = self.bounds.snapped(&(&at.x + step));
         // Most steps succeed, and an expansion costs less than a value and an expansion; after a
         // rejection another one is likely, and the cheaper value is asked first.
-        if self.last_was_rejected {
+        if self.last_was_rejected || self.fraction < 1.0 {
             match self.counted.value(&x) {
                 None => return Trial::OutsideDomain,
                 Some(value) if value >= at.expansion.value => return Trial::NotLower,
@@ -389,6 +424,7 @@ impl Solver<'_> {
             Some(expansion) => {
                 let ratio = (at.expansion.value - expansion.value) / predicted;
                 let next = Iterate { x, expansion };
+                let shortened = self.fraction < 1.0;
                 Trial::Lower {
                     next,
                     ratio,

@@ -72,7 +72,7 @@ impl<'a> ConstrainedForm<'a> {
             self.cancel,
         );
         counted.cost += local.cost;
-        let found = self.scaled.unscaled(found, self.bounds);
+        let found = self.scaled.unscaled(&found, self.bounds);
         Some(found).filter(|found| found.termination.is_feasible())
     }
 
@@ -160,7 +160,7 @@ impl<'a> ConstrainedForm<'a> {
         };
         let beside = |k: usize| {
             let mut beside = p.clone();
-            beside[k / 2] += if k % 2 == 0 { ASIDE } else { -ASIDE };
+            beside[k / 2] += if k.is_multiple_of(2) { ASIDE } else { -ASIDE };
             self.slack.bounds.clamped(&beside)
         };
         from(&p, 0.0)

@@ -131,9 +131,8 @@ pub(super) fn lagrangian_hessian(
         &at.expansion.curvature + form.curvature(&form.parameters_of(&at.x), &multipliers)?;
     let mut hessian = DMatrix::zeros(at.x.len(), at.x.len());
     hessian.view_mut((0, 0), (n, n)).copy_from(&block);
-    for j in fixed..multipliers.len() {
-        let i = n + j - fixed;
-        hessian[(i, i)] = 2.0 * multipliers[j];
+    for (i, multiplier) in (n..).zip(&multipliers[fixed..]) {
+        hessian[(i, i)] = 2.0 * multiplier;
     }
     Some(hessian)
 }

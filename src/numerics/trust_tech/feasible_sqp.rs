@@ -74,7 +74,7 @@ impl Solver<'_, '_> {
                     },
                 );
             };
-            if let Some(full) = self.solved(&program, 0.0) {
+            if let Some(full) = solved(&program, 0.0) {
                 let promised = -full.value;
                 if promised <= tolerance {
                     return (
@@ -117,7 +117,7 @@ impl Solver<'_, '_> {
             if (self.cancel)() {
                 return Err(Termination::Cancelled);
             }
-            let solution = self.solved(program, self.damping);
+            let solution = solved(program, self.damping);
             let step = solution.as_ref().map_or(0.0, |solution| solution.x.amax());
             if self.damping > DAMPING_MAX || (solution.is_some() && step <= tolerance) {
                 return Err(if met_edge {
@@ -207,16 +207,17 @@ impl Solver<'_, '_> {
             },
         })
     }
+}
 
-    fn solved(&self, program: &QuadraticProgram, damping: f64) -> Option<Solution> {
-        let mut damped = program.clone();
-        let diagonal = program.hessian.diagonal();
-        let floor = 1e-6 * diagonal.amax().max(f64::MIN_POSITIVE);
-        for i in 0..diagonal.len() {
-            damped.hessian[(i, i)] += damping * diagonal[i].max(floor);
-        }
-        damped.minimise().ok()
+/// The program with `damping` times its diagonal added; none when it has no solution.
+fn solved(program: &QuadraticProgram, damping: f64) -> Option<Solution> {
+    let mut damped = program.clone();
+    let diagonal = program.hessian.diagonal();
+    let floor = 1e-6 * diagonal.amax().max(f64::MIN_POSITIVE);
+    for i in 0..diagonal.len() {
+        damped.hessian[(i, i)] += damping * diagonal[i].max(floor);
     }
+    damped.minimise().ok()
 }
 
 /// The matrix itself when it is positive definite; otherwise with the absolute values of its

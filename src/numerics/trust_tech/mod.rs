@@ -26,7 +26,7 @@ mod tiers;
 
 use nalgebra::DVector;
 
-use super::{Bounds, LocalSolution, Objective, local_solver};
+use super::{Bounds, LocalSolution, Objective, local_solver, objective::OutOfRange};
 use box_form::BoxForm;
 use constrained_form::ConstrainedForm;
 use scaled::Scaled;
@@ -53,16 +53,17 @@ pub struct Options {
     /// First step of the exit-point search, as a fraction of the box. Default 0.02; within
     /// (0, 0.5].
     pub step: f64,
-    /// Factor by which the step grows, once per step. Default 1.25; at least 1. With 1 (the paper's
+    /// Factor by which the step grows, once per step. Default 1.25; within [1, 10]. With 1 (the paper's
     /// form) no narrow valley is stepped over far from the minimum, at several times the cost.
     pub step_growth: f64,
     /// Largest number of steps along one direction. Default 200.
     pub steps_max: usize,
     /// How far beyond the exit point the local search starts, as a fraction of the way there: the
-    /// 0.1 of the paper's step 5. Default 0.1; not negative.
+    /// 0.1 of the paper's step 5. Default 0.1; within [0, 1].
     pub overshoot: f64,
-    /// Whether an exit counts only after the objective has risen along the direction. Default yes;
-    /// without it, a minimum at the end of a flat valley "exits" with the first step.
+    /// Whether an exit counts only after the objective has risen along the direction, or has
+    /// fallen by a thousandth. Default yes; without it, a minimum at the end of a flat valley
+    /// "exits" with the first step.
     pub rise_required: bool,
     /// Steps of the projected gradient system between the exit point and the local solver.
     /// Default 4.
@@ -100,6 +101,36 @@ impl Default for Options {
 }
 
 impl Options {
+    /// The settings themselves, when every one is within its range.
+    ///
+    /// # Errors
+    ///
+    /// [`OutOfRange`] names the first that is not.
+    pub fn checked(self) -> Result<Self, OutOfRange> {
+        OutOfRange::check(
+            "step",
+            self.step,
+            0.0 < self.step && self.step <= 0.5,
+            "(0, 0.5]",
+        )?;
+        let growth = self.step_growth;
+        OutOfRange::check(
+            "step_growth",
+            growth,
+            (1.0..=10.0).contains(&growth),
+            "[1, 10]",
+        )?;
+        let overshoot = self.overshoot;
+        OutOfRange::check(
+            "overshoot",
+            overshoot,
+            (0.0..=1.0).contains(&overshoot),
+            "[0, 1]",
+        )?;
+        self.local.checked()?;
+        Ok(self)
+    }
+
     /// The plain form of the paper: slack variables, a constant step, one sign of each eigenvector, no directions
     /// but eigenvectors and the user's.
     pub fn paper() -> Self {

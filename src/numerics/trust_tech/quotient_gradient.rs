@@ -38,24 +38,15 @@ pub(super) fn integrate(form: &SlackForm<'_>, mut x: DVector<f64>) -> Option<DVe
     (h.amax() <= FEASIBLE).then_some(x)
 }
 
-/// The energy (7) that is left at `p` with the best slacks: half the squared violations.
+/// The energy (7) that is left at `p` with the best slacks: half the squared violations. Exactly 0
+/// where `p` is feasible.
 pub(super) fn energy(form: &SlackForm<'_>, p: &DVector<f64>) -> Option<f64> {
     let h = form.own_values(p)?;
-    let violation = |(i, h): (usize, &f64)| {
-        if i < form.equalities() {
-            *h
-        } else {
-            h.max(0.0)
-        }
+    let squared_violation = |(i, h): (usize, &f64)| {
+        let is_satisfied = h.abs() <= FEASIBLE || (i >= form.equalities() && *h < 0.0);
+        if is_satisfied { 0.0 } else { h * h }
     };
-    Some(
-        0.5 * h
-            .iter()
-            .enumerate()
-            .map(violation)
-            .map(|v| v * v)
-            .sum::<f64>(),
-    )
+    Some(0.5 * h.iter().enumerate().map(squared_violation).sum::<f64>())
 }
 
 /// One step that lowers the energy, at most `duration` long; none at an equilibrium.

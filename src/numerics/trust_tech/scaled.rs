@@ -27,14 +27,14 @@ impl<'a> Scaled<'a> {
     }
 
     /// A solution in scaled coordinates, in the caller's.
-    pub(super) fn unscaled(&self, solution: LocalSolution, bounds: &Bounds) -> LocalSolution {
+    pub(super) fn unscaled(&self, solution: &LocalSolution, bounds: &Bounds) -> LocalSolution {
         LocalSolution {
             x: bounds.snapped(&solution.x.component_mul(&self.spans)),
             gradient: solution.gradient.component_div(&self.spans),
             curvature: DMatrix::from_fn(self.spans.len(), self.spans.len(), |i, j| {
                 solution.curvature[(i, j)] / (self.spans[i] * self.spans[j])
             }),
-            ..solution
+            ..solution.clone()
         }
     }
 
