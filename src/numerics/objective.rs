@@ -113,6 +113,49 @@ impl std::ops::AddAssign for Cost {
     }
 }
 
+/// A setting outside its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutOfRange {
+    /// Name of the setting.
+    pub field: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What is allowed.
+    pub allowed: &'static str,
+}
+
+impl OutOfRange {
+    pub(super) fn check(
+        field: &'static str,
+        value: f64,
+        is_allowed: bool,
+        allowed: &'static str,
+    ) -> Result<(), Self> {
+        if is_allowed {
+            Ok(())
+        } else {
+            Err(Self {
+                field,
+                value,
+                allowed,
+            })
+        }
+    }
+}
+
+impl std::fmt::Display for OutOfRange {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            field,
+            value,
+            allowed,
+        } = self;
+        write!(formatter, "{field} = {value} is out of range: {allowed}")
+    }
+}
+
+impl std::error::Error for OutOfRange {}
+
 /// An objective that counts its calls and answers only with finite numbers.
 pub(super) struct Counted<'a> {
     objective: &'a dyn Objective,

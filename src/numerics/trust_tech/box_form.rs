@@ -3,18 +3,17 @@
 //! The projection onto the tangent space of a box, `P_H` of (8), drops the components that would
 //! leave it. Everything happens in scaled coordinates; solutions are reported in the caller's.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use super::{
     Options, UserDirection, UserDirectionKind,
     directions::{Direction, Directions},
     exit_point::{PathEnd, find_exit},
     projected_gradient,
-    tiers::{Followed, Formulation},
+    scaled::Scaled,
+    tiers::{Followed, Form},
 };
-use crate::numerics::{
-    Bounds, Cost, Expansion, LocalSolution, Objective, local_solver, objective::Counted,
-};
+use crate::numerics::{Bounds, Cost, LocalSolution, Objective, local_solver, objective::Counted};
 
 pub(super) struct BoxForm<'a> {
     scaled: Scaled<'a>,
@@ -33,15 +32,11 @@ impl<'a> BoxForm<'a> {
         options: &'a Options,
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Self {
-        let spans = bounds.spans();
-        let unit_bounds = Bounds {
-            lower: bounds.lower.component_div(&spans),
-            upper: bounds.upper.component_div(&spans),
-        };
+        let scaled = Scaled::new(objective, bounds);
         Self {
-            scaled: Scaled { objective, spans },
+            unit_bounds: scaled.unit_bounds(bounds),
+            scaled,
             bounds,
-            unit_bounds,
             user_directions,
             options,
             cancel,
@@ -96,7 +91,7 @@ impl<'a> BoxForm<'a> {
 /// Overshoots that are tried before the search goes on from the exit point itself.
 const OVERSHOOTS_MAX: u32 = 4;
 
-impl Formulation for BoxForm<'_> {
+impl Form for BoxForm<'_> {
     fn settle(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost) {
         self.local_solution(start)
     }
@@ -155,38 +150,5 @@ impl Formulation for BoxForm<'_> {
             reached,
             cost,
         }
-    }
-}
-
-/// The objective in coordinates `u = x / span`.
-struct Scaled<'a> {
-    objective: &'a dyn Objective,
-    spans: DVector<f64>,
-}
-
-impl Scaled<'_> {
-    fn scaled_curvature(&self, curvature: &DMatrix<f64>) -> DMatrix<f64> {
-        DMatrix::from_fn(curvature.nrows(), curvature.ncols(), |i, j| {
-            curvature[(i, j)] * self.spans[i] * self.spans[j]
-        })
-    }
-}
-
-impl Objective for Scaled<'_> {
-    fn dimension(&self) -> usize {
-        self.objective.dimension()
-    }
-
-    fn value(&self, u: &DVector<f64>) -> Option<f64> {
-        self.objective.value(&u.component_mul(&self.spans))
-    }
-
-    fn expansion(&self, u: &DVector<f64>) -> Option<Expansion> {
-        let at = self.objective.expansion(&u.component_mul(&self.spans))?;
-        Some(Expansion {
-            value: at.value,
-            gradient: at.gradient.component_mul(&self.spans),
-            curvature: self.scaled_curvature(&at.curvature),
-        })
     }
 }

@@ -26,6 +26,16 @@ pub enum UserDirectionKind {
 pub(super) struct Direction {
     pub(super) label: String,
     pub(super) unit: DVector<f64>,
+    pub(super) kind: DirectionKind,
+}
+
+/// Which of the two dynamical systems a direction belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum DirectionKind {
+    /// The projected gradient system: within a feasible component (phase II).
+    Gradient,
+    /// The quotient gradient system: from one feasible component to another (phase I).
+    Quotient,
 }
 
 /// Cosine beyond which two directions are one: an angle of 1e-4.
@@ -34,6 +44,7 @@ const SAME_COSINE: f64 = 1.0 - 5e-9;
 /// Collects directions and leaves out those that are already there.
 pub(super) struct Directions {
     both_signs: bool,
+    kind: DirectionKind,
     list: Vec<Direction>,
 }
 
@@ -41,18 +52,34 @@ impl Directions {
     pub(super) fn new(options: &Options) -> Self {
         Self {
             both_signs: options.both_signs,
+            kind: DirectionKind::Gradient,
             list: Vec::new(),
         }
+    }
+
+    /// The kind of the directions that are added from now on.
+    pub(super) fn set_kind(&mut self, kind: DirectionKind) {
+        self.kind = kind;
     }
 
     /// Eigenvectors of the symmetric matrix `curvature`, the flattest first; each with the sign
     /// that makes its largest component positive.
     pub(super) fn add_eigenvectors(&mut self, curvature: &DMatrix<f64>) {
+        let everything = DMatrix::identity(curvature.nrows(), curvature.nrows());
+        self.add_eigenvectors_within(curvature, &everything);
+    }
+
+    /// The same for a matrix that acts on the columns of `basis`.
+    pub(super) fn add_eigenvectors_within(
+        &mut self,
+        curvature: &DMatrix<f64>,
+        basis: &DMatrix<f64>,
+    ) {
         let eigen = SymmetricEigen::new(curvature.clone());
         let mut order: Vec<usize> = (0..eigen.eigenvalues.len()).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
         for (number, column) in (1..).zip(order) {
-            let vector = eigen.eigenvectors.column(column).into_owned();
+            let vector = basis * eigen.eigenvectors.column(column);
             let largest = vector[vector.iamax()];
             self.add_line(
                 &format!("eigenvector {number}"),
@@ -82,14 +109,15 @@ impl Directions {
         let Some(unit) = vector.try_normalize(f64::MIN_POSITIVE) else {
             return;
         };
-        let finite = unit.iter().all(|component| component.is_finite());
-        if finite
-            && !self
-                .list
-                .iter()
-                .any(|known| known.unit.dot(&unit) > SAME_COSINE)
-        {
-            self.list.push(Direction { label, unit });
+        let is_known =
+            |known: &Direction| known.kind == self.kind && known.unit.dot(&unit) > SAME_COSINE;
+        if unit.iter().all(|component| component.is_finite()) && !self.list.iter().any(is_known) {
+            let kind = self.kind;
+            let label = match kind {
+                DirectionKind::Gradient => label,
+                DirectionKind::Quotient => format!("component {label}"),
+            };
+            self.list.push(Direction { label, unit, kind });
         }
     }
 

@@ -20,6 +20,11 @@ pub(super) enum PathEnd {
 }
 
 impl ExitSearch {
+    /// A path that could not begin.
+    pub(super) fn nowhere(value: f64) -> Self {
+        ended(vec![(0.0, value)], 0.0, false)
+    }
+
     pub(super) fn exit_distance(&self) -> Option<f64> {
         match self.end {
             PathEnd::Exit { .. } => self.profile.last().map(|&(distance, _)| distance),
@@ -33,6 +38,10 @@ const ROUNDING: f64 = 1e-13;
 /// A step that the constraints shorten below this fraction of its length leads nowhere: the path
 /// has run into a corner.
 const PROGRESS_MIN: f64 = 0.01;
+
+/// A fall below the solution by this fraction of its objective counts as an exit even without a
+/// rise before it: the first step went over the crest. Flat valleys fall by less.
+const FALL_WITHOUT_RISE: f64 = 1e-3;
 
 /// `(x, y) -> x + P(x)(y - x)`; none where there is no such point.
 pub(super) type Projection<'a> = &'a dyn Fn(&DVector<f64>, &DVector<f64>) -> Option<DVector<f64>>;
@@ -50,14 +59,15 @@ pub(super) fn find_exit(
     project: Projection<'_>,
     value: &mut dyn FnMut(&DVector<f64>) -> Option<f64>,
 ) -> ExitSearch {
-    let (origin, mut value_before) = start;
+    let (origin, value_at_origin) = start;
+    let mut value_before = value_at_origin;
     let (mut x, mut unit, mut step) = (origin.clone(), unit.clone(), options.step);
     let (mut profile, mut risen, mut distance) = (vec![(0.0, value_before)], false, 0.0);
     for _ in 0..options.steps_max {
         let y = &x + &unit * step; // step 1
         let Some(next) = project(&x, &y) else {
             // step 2
-            return ended(profile, distance, true);
+            return ended(profile, distance, false);
         };
         if (&next - &x).norm() < PROGRESS_MIN * step {
             break;
@@ -69,7 +79,9 @@ pub(super) fn find_exit(
         distance = away.norm();
         profile.push((distance, value_next));
         let rounding = ROUNDING * value_before.abs();
-        if value_next < value_before - rounding && (risen || !options.rise_required) {
+        let falls = value_next < value_before - rounding;
+        let is_far_below = value_next < value_at_origin - FALL_WITHOUT_RISE * value_at_origin.abs();
+        if falls && (risen || is_far_below || !options.rise_required) {
             return ExitSearch {
                 profile,
                 end: PathEnd::Exit { point: next },

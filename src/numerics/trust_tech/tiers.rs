@@ -10,7 +10,7 @@ use super::{
 use crate::numerics::{Cost, LocalSolution};
 
 /// What the tiers need to know of a formulation of the problem.
-pub(super) trait Formulation: Sync {
+pub(super) trait Form: Sync {
     /// The local solution that a start leads to; none when no feasible point is reached (steps 1
     /// and 2 of section 5).
     fn settle(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost);
@@ -33,7 +33,7 @@ type Same<'a> = &'a (dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync);
 
 /// Explores `form` from `starts`, tier by tier.
 pub(super) fn explore(
-    form: &dyn Formulation,
+    form: &dyn Form,
     starts: &[DVector<f64>],
     same: Same<'_>,
     options: &Options,
@@ -60,7 +60,7 @@ pub(super) fn explore(
 }
 
 struct Explorer<'a> {
-    form: &'a dyn Formulation,
+    form: &'a dyn Form,
     same: Same<'a>,
     options: &'a Options,
     cancel: &'a (dyn Fn() -> bool + Sync),
