@@ -8,7 +8,7 @@ use std::{
 
 use rusqlite::{Connection, ErrorCode, OpenFlags, Transaction, TransactionBehavior};
 
-use super::failure::Trouble;
+use super::{failure::Trouble, windows::count};
 use crate::adapters::store::{Operation, StoreError};
 
 /// `LMD1`: tells our files from those of others (`file(1)` and ourselves).
@@ -19,7 +19,7 @@ const APPLICATION_ID: i32 = 0x4c4d_4431;
 const MIGRATIONS: [&str; 1] = [include_str!("migrations/0001_initial.sql")];
 
 /// Bytes per page, SQLite's own default, fixed here because the size limit counts pages.
-const PAGE_BYTES: u64 = 4096;
+const PAGE_BYTES: i64 = 4096;
 
 const OPEN: Operation = Operation("open the store");
 
@@ -210,7 +210,7 @@ fn refuse_what_is_not_ours(connection: &Connection, path: &Path) -> Result<(), T
 }
 
 fn refuse_newer(found: i64) -> Result<(), Trouble> {
-    let known = MIGRATIONS.len() as i64;
+    let known = count(MIGRATIONS.len());
     if found <= known {
         return Ok(());
     }
@@ -220,7 +220,7 @@ fn refuse_newer(found: i64) -> Result<(), Trouble> {
 /// What belongs to the file rather than to the connection. The first two take effect only while the
 /// file is empty.
 fn prepare_file(connection: &Connection, options: &SqliteOptions) -> Result<(), Trouble> {
-    connection.pragma_update(None, "page_size", PAGE_BYTES as i64)?;
+    connection.pragma_update(None, "page_size", PAGE_BYTES)?;
     connection.pragma_update(None, "auto_vacuum", "incremental")?;
     let mode = switch_to_log(connection)?;
     if mode != "wal" {
@@ -233,7 +233,8 @@ fn prepare_file(connection: &Connection, options: &SqliteOptions) -> Result<(), 
     // The log shrinks again after a burst.
     connection.pragma_update_and_check(None, "journal_size_limit", 64 << 20, |_| Ok(()))?;
     if let Some(bytes) = options.size_bytes_max {
-        let pages = i64::try_from((bytes / PAGE_BYTES).max(1)).unwrap_or(i64::MAX);
+        let bytes = i64::try_from(bytes).unwrap_or(i64::MAX);
+        let pages = (bytes / PAGE_BYTES).max(1);
         connection.pragma_update_and_check(None, "max_page_count", pages, |_| Ok(()))?;
     }
     Ok(())
@@ -265,7 +266,7 @@ fn switch_to_log(connection: &Connection) -> rusqlite::Result<String> {
 /// the same.
 fn migrate(connection: &mut Connection) -> Result<(), Trouble> {
     for (at, step) in MIGRATIONS.iter().enumerate() {
-        let number = at as i64 + 1;
+        let number = count(at) + 1;
         if pragma::<i64>(connection, "user_version")? >= number {
             continue;
         }

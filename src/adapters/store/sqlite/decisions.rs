@@ -92,7 +92,7 @@ pub(super) fn approve(
             Ok((fit, awaiting, approved, version))
         })
         .optional()?
-        .ok_or_else(|| Trouble::unknown("decision", id.0))?;
+        .ok_or_else(|| Trouble::unknown("decision", id.0.to_string()))?;
     if !awaiting && approved == Some(approval.approved) {
         return Ok(CommittedDecision {
             id,
@@ -101,7 +101,7 @@ pub(super) fn approve(
         });
     }
     if !awaiting {
-        return Err(Trouble::unknown("waiting decision", id.0));
+        return Err(Trouble::unknown("waiting decision", id.0.to_string()));
     }
     let candidate = candidate(transaction, fit)?;
     let version = approval
@@ -217,7 +217,7 @@ fn candidate(transaction: &Transaction<'_>, fit: FitId) -> Result<CandidateSet, 
             })
         })
         .optional()?
-        .ok_or_else(|| Trouble::unknown("fit", fit.0))
+        .ok_or_else(|| Trouble::unknown("fit", fit.0.to_string()))
 }
 
 fn of_fit(transaction: &Transaction<'_>, fit: FitId) -> Result<Option<CommittedDecision>, Trouble> {

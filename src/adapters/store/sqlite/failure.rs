@@ -21,10 +21,10 @@ pub(super) enum Trouble {
 }
 
 impl Trouble {
-    pub(super) fn unknown(what: &'static str, id: impl ToString) -> Self {
+    pub(super) fn unknown(what: &'static str, id: impl Into<String>) -> Self {
         Self::Unknown {
             what,
-            id: id.to_string(),
+            id: id.into(),
         }
     }
 
