@@ -69,11 +69,11 @@ pub struct GenerateArgs {
         long,
         value_name = "PU",
         allow_negative_numbers = true,
-        default_value_t = 0.28
+        default_value_t = 0.45
     )]
     pub reactive_power: f64,
     /// Share of the active power that motors draw, 0 to 0.95.
-    #[arg(long, default_value_t = 0.4)]
+    #[arg(long, default_value_t = 0.45)]
     pub motor_share: f64,
     /// Inertia constant of the motors, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.7)]
@@ -245,6 +245,13 @@ mod tests {
             .map(|file| std::fs::read_to_string(place.path().join(file)).unwrap())
         });
         assert_eq!(texts[0], texts[1]);
+    }
+
+    #[test]
+    fn the_defaults_of_the_command_are_those_of_the_simulator() {
+        let args = Program::try_parse_from(["generate"]).unwrap().args;
+        let made = options(&args);
+        assert_eq!(made, SiteOptions::new(made.site.clone(), 1));
     }
 
     #[test]

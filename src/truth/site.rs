@@ -42,7 +42,7 @@ pub struct SiteOptions {
     pub filter_cycles: f64,
     /// Mean active power of the load, pu, 0.05 to 2; default 0.9.
     pub active_pu: f64,
-    /// Mean reactive power of the load, pu, -1 to 2; default 0.28.
+    /// Mean reactive power of the load, pu, -1 to 2; default 0.45.
     pub reactive_pu: f64,
     /// Half-width of the range of the operating point, 0 to 0.5; default 0.12.
     pub level_spread: f64,
@@ -51,7 +51,7 @@ pub struct SiteOptions {
     pub composition_spread: f64,
     /// Whether some events hold bad samples; default yes.
     pub bad_samples: bool,
-    /// Share of P that motors draw before an event, 0 to 0.95; default 0.4.
+    /// Share of P that motors draw before an event, 0 to 0.95; default 0.45.
     pub motor_share: f64,
     /// The motors, on their own base.
     pub motor: MotorCircuit,
@@ -76,17 +76,17 @@ impl SiteOptions {
             noise: 5e-4,
             filter_cycles: 2.0,
             active_pu: 0.9,
-            reactive_pu: 0.28,
+            reactive_pu: 0.45,
             level_spread: 0.12,
             composition_spread: 0.02,
             bad_samples: true,
-            motor_share: 0.4,
+            motor_share: 0.45,
             motor: MotorCircuit::default(),
             zip: Zip {
                 active_impedance: 0.35,
                 active_current: 0.35,
-                reactive_impedance: 0.8,
-                reactive_current: 0.1,
+                reactive_impedance: 0.6,
+                reactive_current: 0.2,
             },
             network: Network::default(),
             integrator: IntegratorOptions::default(),
@@ -525,6 +525,33 @@ mod tests {
         for truth in &site.truth {
             let level = truth.active_pu / 0.9;
             assert!((level - 1.0).abs() <= 0.12, "{level}");
+        }
+    }
+
+    #[test]
+    fn the_defaults_lie_inside_the_papers_box() {
+        let site = made(&options(6));
+        let inside = |value: f64, low: f64, high: f64| assert!((low..=high).contains(&value));
+        for motor in site
+            .truth
+            .iter()
+            .map(|truth| truth.motor)
+            .chain([site.motor])
+        {
+            inside(motor.inertia, 0.001, 10.0);
+            inside(motor.transient_open_circuit_time_constant_s, 0.001, 4.0);
+            inside(motor.reactance, 0.001, 4.0);
+            inside(motor.transient_reactance, 0.001, 4.0);
+        }
+        for zip in site.truth.iter().map(|truth| truth.zip) {
+            inside(zip.active_impedance, 0.1, 0.9);
+            inside(1.0 - zip.active_impedance - zip.active_current, 0.1, 0.9);
+            inside(zip.reactive_impedance, 0.1, 0.9);
+            inside(
+                1.0 - zip.reactive_impedance - zip.reactive_current,
+                0.1,
+                4.0,
+            );
         }
     }
 
