@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod generate;
+pub mod inspect;
 
 use std::process::ExitCode;
 

@@ -3,6 +3,7 @@
 //! sequence, UTC nanoseconds.
 
 pub mod batch;
+pub mod phasor;
 pub mod quality;
 pub mod record;
 pub mod sample;
