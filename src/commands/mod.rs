@@ -1,5 +1,6 @@
 //! The command line.
 
+pub mod generate;
 pub mod inspect;
 
 use std::process::ExitCode;
