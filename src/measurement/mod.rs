@@ -3,8 +3,8 @@
 //! sequence, UTC nanoseconds.
 
 pub mod batch;
-pub mod phasor;
 pub mod concentrator;
+pub mod phasor;
 pub mod quality;
 pub mod record;
 pub mod sample;

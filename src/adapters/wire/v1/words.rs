@@ -42,6 +42,7 @@ pub const fn trigger_name(trigger: Trigger) -> &'static str {
         Trigger::VoltageDip => "voltage_dip",
         Trigger::VoltageSwell => "voltage_swell",
         Trigger::VoltageStep => "voltage_step",
+        Trigger::PhaseJump => "phase_jump",
         Trigger::FrequencyExcursion => "frequency_excursion",
         Trigger::RateOfChangeOfFrequency => "rate_of_change_of_frequency",
         Trigger::Recording => "recording",
