@@ -197,6 +197,7 @@ pub(in crate::adapters) fn identification() -> Identification {
             sensitivity_simulations: 50,
             seconds: 1.5,
         },
+        refused: vec![("event_09".to_owned(), "no power".to_owned())],
     }
 }
 

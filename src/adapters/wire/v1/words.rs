@@ -6,10 +6,11 @@ use crate::{
     identification::{DirectionOutcome, VerdictStatus},
 };
 
-const TRIGGERS: [Trigger; 6] = [
+const TRIGGERS: [Trigger; 7] = [
     Trigger::VoltageDip,
     Trigger::VoltageSwell,
     Trigger::VoltageStep,
+    Trigger::PhaseJump,
     Trigger::FrequencyExcursion,
     Trigger::RateOfChangeOfFrequency,
     Trigger::Recording,
