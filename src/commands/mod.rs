@@ -1,5 +1,6 @@
 //! The command line.
 
+pub mod compare;
 pub mod generate;
 pub mod inspect;
 
