@@ -1,5 +1,7 @@
 //! The command line.
 
+pub mod check_config;
+
 use std::process::ExitCode;
 
 /// Parses the command line and runs the command.
