@@ -229,13 +229,13 @@ impl Default for WorkersConfig {
     fn default() -> Self {
         Self {
             count: 1,
-            fit_budget: Duration::from_secs(900),
-            lease: Duration::from_secs(60),
+            fit_budget: Duration::from_mins(15),
+            lease: Duration::from_mins(1),
             failures_max: 3,
             interruptions_max: 5,
-            retry: Duration::from_secs(60),
+            retry: Duration::from_mins(1),
             queue_windows_max: 256,
-            sweep: Duration::from_secs(300),
+            sweep: Duration::from_mins(5),
         }
     }
 }

@@ -68,7 +68,7 @@ impl<'a> Section<'a> {
             return Vec::new();
         };
         let mut sections = Vec::new();
-        for element in array.iter() {
+        for element in array {
             match element.get_ref().as_table() {
                 Some(table) => sections.push(self.below(name, Some(table), Some(element.span()))),
                 None => self.wrong_type(name, element, "a table"),
@@ -82,7 +82,7 @@ impl<'a> Section<'a> {
         let Some(table) = self.table else {
             return self.findings;
         };
-        for (key, _) in table.iter() {
+        for (key, _) in table {
             if !self.asked.contains(&key.get_ref().as_ref()) {
                 let known = nearest(key.get_ref(), &self.asked);
                 self.report(key.get_ref(), key.span(), "unknown key", Some(known));
@@ -177,15 +177,14 @@ impl<'a> Section<'a> {
     ) {
         if let Some(value) = self.value(name) {
             let word = value.get_ref().as_str();
-            match words.iter().find(|(known, _)| Some(*known) == word) {
-                Some((_, choice)) => *target = *choice,
-                None => {
-                    let known: Vec<String> = words
-                        .iter()
-                        .map(|(word, _)| format!("\"{word}\""))
-                        .collect();
-                    self.out_of_range(name, value, &known.join(", "));
-                }
+            if let Some((_, choice)) = words.iter().find(|(known, _)| Some(*known) == word) {
+                *target = *choice;
+            } else {
+                let known: Vec<String> = words
+                    .iter()
+                    .map(|(word, _)| format!("\"{word}\""))
+                    .collect();
+                self.out_of_range(name, value, &known.join(", "));
             }
         }
     }
@@ -211,7 +210,7 @@ impl<'a> Section<'a> {
     ) {
         if let Some(array) = self.array(name) {
             let mut texts = Vec::new();
-            for element in array.iter() {
+            for element in array {
                 self.parse(name, element, &parsed, |parsed| texts.push(parsed));
             }
             *target = texts;

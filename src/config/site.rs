@@ -24,14 +24,14 @@ pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings
         });
         bases(&mut section, &mut site.site);
         let name = site.site.name.clone();
-        if !name.is_empty() {
-            if let Some(first) = seen.insert(name, k) {
-                section.object(
-                    "name",
-                    &format!("site number {} has this name already", first + 1),
-                    "a name of its own",
-                );
-            }
+        if !name.is_empty()
+            && let Some(first) = seen.insert(name, k)
+        {
+            section.object(
+                "name",
+                &format!("site number {} has this name already", first + 1),
+                "a name of its own",
+            );
         }
         streams(&mut section, &mut site.concentrator);
         findings.add(detection(section.section("detection"), &mut site.detection));

@@ -95,10 +95,12 @@ fn a_site_overrides_what_is_set_for_all() {
     assert_eq!((a.detection.step_pu, b.detection.step_pu), (None, None));
     assert!((a.concentrator.lag_s - 0.05).abs() < 1e-12);
     assert!((b.concentrator.lag_s - 0.3).abs() < 1e-12);
-    assert_eq!(
-        a.detection.pre_trigger_s,
-        DetectorOptions::default().pre_trigger_s
-    );
+    let rest = DetectorOptions {
+        dip_ratio: Some(0.95),
+        step_pu: None,
+        ..DetectorOptions::default()
+    };
+    assert_eq!(a.detection, rest);
 }
 
 #[test]

@@ -60,7 +60,7 @@ fn farthest_from_start(record: &Record) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurement::{Quality, Sample};
+    use crate::measurement::{Quality, Sample, record::grid_offset_ns};
 
     fn record(voltage_pu: impl Fn(usize) -> f64) -> Record {
         let sample = |k: usize| Sample {
@@ -69,7 +69,7 @@ mod tests {
             active_pu: 1.0,
             reactive_pu: 0.2,
             quality: Quality::GOOD,
-            ..Sample::missing(k as i64 * 5_000_000)
+            ..Sample::missing(grid_offset_ns(k as f64, 200.0))
         };
         Record {
             start_ns: 0,

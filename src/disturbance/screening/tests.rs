@@ -7,7 +7,7 @@ use crate::{
         test_data::{directories, event_samples, json, phasors, shared_data},
         window_of_recording,
     },
-    measurement::{Quality, Record, Sample, Site},
+    measurement::{Quality, Record, Sample, Site, record::grid_offset_ns},
 };
 
 const RATE_FPS: f64 = 50.0;
@@ -25,7 +25,7 @@ fn dip(dip_pu: f64) -> Window {
             reactive_pu: 0.2,
             negative_sequence_ratio: 0.0,
             quality: Quality::GOOD,
-            ..Sample::missing(k as i64 * 20_000_000)
+            ..Sample::missing(grid_offset_ns(k as f64, RATE_FPS))
         }
     };
     Window {
