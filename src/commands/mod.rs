@@ -1,6 +1,8 @@
 //! The command line.
 
 pub mod check_config;
+pub mod generate;
+pub mod inspect;
 
 use std::process::ExitCode;
 
