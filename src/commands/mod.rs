@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod compare;
+pub mod check_config;
 pub mod generate;
 pub mod inspect;
 
