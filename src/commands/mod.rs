@@ -1,8 +1,10 @@
 //! The command line.
 
-pub mod compare;
 pub mod check_config;
+pub mod compare;
+mod fitting;
 pub mod generate;
+pub mod identify;
 pub mod inspect;
 
 use std::process::ExitCode;
