@@ -1,0 +1,220 @@
+//! Values for the tests of the wire and of the store.
+
+use crate::{
+    disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
+    identification::{
+        Bases, ChannelVerdict, Comparison, Cost, DirectionOutcome, DirectionRecord, ErrorSummary,
+        EventErrors, Identification, OperatingPoint, ParameterEstimate, ParameterSet, Solution,
+        Verdict, VerdictStatus,
+    },
+    measurement::{Channel, Quality, Record, Sample, SampleBatch, Site},
+};
+
+pub(in crate::adapters) fn site() -> Site {
+    Site {
+        name: "site-01".to_owned(),
+        s_base_mva: 200.0,
+        v_base_kv: 23.0,
+        nominal_hz: 60.0,
+    }
+}
+
+pub(in crate::adapters) fn batch() -> SampleBatch {
+    SampleBatch {
+        site: "site-01".to_owned(),
+        stream: "pmu-1".to_owned(),
+        sequence: Some(17),
+        start_ns: 1_770_873_060_016_667_000,
+        rate_fps: 60.0,
+        channels: vec![
+            (Channel::VoltagePu, vec![0.983_144, 1.0, 0.1 + 0.2]),
+            (Channel::AngleRad, vec![0.1, -3.0, 3.1]),
+            (Channel::FrequencyHz, vec![60.0, 59.98, 60.01]),
+            (Channel::ActivePu, vec![0.95, 0.9, 1e-300]),
+            (Channel::ReactivePu, vec![-0.4, 0.0, 0.39]),
+            (Channel::NegativeSequenceRatio, vec![0.01, 0.02, 0.0]),
+        ],
+        quality: vec![Quality::GOOD, Quality::NOT_SYNCHRONISED, Quality(0x8010)],
+    }
+}
+
+/// One second at 60 samples per second, a dip to 0.75 pu after half of it, one missing sample.
+pub(in crate::adapters) fn window(id: &str) -> Window {
+    let mut record = Record {
+        start_ns: 1_770_873_060_000_000_000,
+        rate_fps: 60.0,
+        nominal_hz: 60.0,
+        samples: Vec::new(),
+    };
+    for at in 0..60 {
+        let mut sample = Sample::missing(record.time_ns(at));
+        if at != 40 {
+            sample.voltage_pu = if at < 30 { 1.0 } else { 0.75 };
+            sample.frequency_hz = 60.0;
+            sample.active_pu = 0.9;
+            sample.reactive_pu = 0.3;
+            sample.quality = Quality::GOOD;
+        }
+        record.samples.push(sample);
+    }
+    Window {
+        id: id.to_owned(),
+        site: "site-01".to_owned(),
+        record,
+        onset: 30,
+        triggers: vec![Trigger::VoltageDip, Trigger::VoltageStep],
+        closing: Closing::Recovered,
+    }
+}
+
+pub(in crate::adapters) fn screening() -> Screening {
+    Screening {
+        refusals: vec![ScreeningReason::NotALoad {
+            lowest_active_pu: -0.5,
+            highest_active_pu: 0.5,
+        }],
+        marks: vec![ScreeningReason::Unbalanced {
+            ratio: 0.03,
+            limit: 0.02,
+        }],
+    }
+}
+
+fn estimate(name: &str, value: f64) -> ParameterEstimate {
+    ParameterEstimate {
+        name: name.to_owned(),
+        meaning: "inertia, twice the constant over omega_s".to_owned(),
+        value,
+        unit: "s^2".to_owned(),
+        lower: 0.0,
+        upper: 1.0,
+        standard_error: Some(0.1),
+        at_bound: false,
+        identifiable: true,
+        interval: Some((0.25, 0.5)),
+    }
+}
+
+fn errors(event: &str) -> ErrorSummary {
+    ErrorSummary {
+        eps_p_percent: 0.123_456_789_012_345_67,
+        eps_q_percent: 1.0 / 3.0,
+        error_to_noise: 1.25,
+        error_to_noise_away_from_edges: 1.125,
+        events: vec![EventErrors {
+            event: event.to_owned(),
+            eps_p_percent: 0.1,
+            eps_q_percent: 0.2,
+            event_eps_p_percent: 0.3,
+            event_eps_q_percent: 0.4,
+            event_q_to_s0_percent: 0.5,
+            skill_p: 0.6,
+            skill_q: 0.7,
+            skill_over_constant_p: 0.8,
+            skill_over_constant_q: 0.9,
+            error_to_noise: 1.25,
+            error_to_noise_away_from_edges: 1.125,
+            lowest_voltage: 0.75,
+        }],
+    }
+}
+
+pub(in crate::adapters) fn parameter_set() -> ParameterSet {
+    ParameterSet {
+        site: "site-01".to_owned(),
+        version: 0,
+        structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
+        structure_versions: vec![1, 1],
+        parameters: vec![estimate("X", 2.0 / 3.0), estimate("M", 0.1 + 0.2)],
+        derived: vec![estimate("H", 0.75)],
+        bases: Bases {
+            s_base_mva: 200.0,
+            v_base_kv: 23.0,
+            nominal_hz: 60.0,
+        },
+        operating_point: OperatingPoint {
+            v0_pu: 0.98,
+            p0_pu: 0.95,
+            q0_pu: -0.1,
+        },
+        fitted_events: vec!["a".to_owned(), "b".to_owned()],
+        held_out_events: vec!["c".to_owned()],
+        fit: errors("a"),
+        held_out: Some(errors("c")),
+        verdict: Verdict {
+            status: VerdictStatus::Pass,
+            reasons: vec!["skill over static ZIP 0.6".to_owned()],
+            channels: vec![ChannelVerdict {
+                event: "c".to_owned(),
+                channel: "P",
+                segment: "during",
+                mxe_pu: 0.01,
+                me_pu: 0.002,
+                mae_pu: 0.004,
+                within_limits: true,
+            }],
+        },
+        rank: 5,
+        condition: 1234.5,
+        software_version: "0.1.0".to_owned(),
+    }
+}
+
+pub(in crate::adapters) fn identification() -> Identification {
+    let direction = |direction, outcome| DirectionRecord {
+        from: 1,
+        direction,
+        label: "eigenvector 1 +".to_owned(),
+        exit_distance: Some(0.5),
+        outcome,
+    };
+    Identification {
+        set: parameter_set(),
+        solutions: vec![Solution {
+            id: 2,
+            tier: 1,
+            found_from: Some(1),
+            direction: Some(1),
+            objective: 12.5,
+            parameters: vec![("X".to_owned(), 2.0 / 3.0), ("M".to_owned(), 0.3)],
+            coordinates: vec![("ln X_prime".to_owned(), -1.0)],
+            at_bound: vec!["X".to_owned()],
+        }],
+        directions: vec![
+            direction(1, DirectionOutcome::NewSolution(2)),
+            direction(2, DirectionOutcome::KnownSolution(1)),
+            direction(
+                3,
+                DirectionOutcome::NoExitPoint {
+                    at_distance: f64::INFINITY,
+                    diverged: true,
+                },
+            ),
+            direction(4, DirectionOutcome::LocalSolverInfeasible),
+        ],
+        cost: Cost {
+            simulations: 100,
+            sensitivity_simulations: 50,
+            seconds: 1.5,
+        },
+    }
+}
+
+pub(in crate::adapters) fn comparison() -> Comparison {
+    Comparison {
+        event: "a".to_owned(),
+        onset_ns: 0,
+        time_s: vec![0.0, 0.1],
+        voltage_pu: vec![1.0, f64::NAN],
+        frequency_hz: vec![60.0, f64::NAN],
+        active_measured_pu: vec![0.9, f64::NAN],
+        active_model_pu: vec![0.9, 0.5],
+        reactive_measured_pu: vec![0.3, f64::NAN],
+        reactive_model_pu: vec![0.3, 0.25],
+        active_noise_pu: vec![0.01, 0.01],
+        reactive_noise_pu: vec![0.01, 0.01],
+        used: vec![true, false],
+        near_edge: vec![false, true],
+        errors: errors("a").events.remove(0),
+    }
+}
