@@ -1,6 +1,10 @@
 //! Settings of the service core.
 
-use crate::identification::{DecisionOptions, IdentificationOptions};
+use crate::{
+    disturbance::{DetectorOptions, ScreeningOptions},
+    identification::{DecisionOptions, IdentificationOptions},
+    measurement::{ConcentratorOptions, Site},
+};
 
 const SECOND_NS: i64 = 1_000_000_000;
 
@@ -35,6 +39,9 @@ pub struct ServiceOptions {
     /// Windows that wait in memory for the store; the oldest is dropped (and counted) beyond it.
     /// Default 256, 1 to 10000.
     pub spool_windows_max: usize,
+    /// Silence after which a site's stream is taken to its end: samples that wait for others are
+    /// released and an open window is closed. Default 5 s.
+    pub silence_ns: i64,
     /// Pause before a failed step of the store is tried again. Default 2 s.
     pub store_retry_ns: i64,
     /// Time between looks at the store for work that was left behind. Default 300 s.
@@ -62,6 +69,7 @@ impl Default for ServiceOptions {
             interruptions_max: 5,
             retry_ns: 60 * SECOND_NS,
             spool_windows_max: 256,
+            silence_ns: 5 * SECOND_NS,
             store_retry_ns: 2 * SECOND_NS,
             sweep_ns: 300 * SECOND_NS,
             shutdown_grace_ns: 20 * SECOND_NS,
@@ -69,4 +77,17 @@ impl Default for ServiceOptions {
             decision: DecisionOptions::default(),
         }
     }
+}
+
+/// A site and how its measurements are treated.
+#[derive(Clone, Debug)]
+pub struct SiteOptions {
+    /// The site.
+    pub site: Site,
+    /// How its streams are put together.
+    pub concentrator: ConcentratorOptions,
+    /// What is a disturbance.
+    pub detector: DetectorOptions,
+    /// Which disturbances can be used.
+    pub screening: ScreeningOptions,
 }

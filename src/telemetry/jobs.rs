@@ -75,6 +75,8 @@ pub struct FitFinished {
     pub site: String,
     /// Verdict of validation.
     pub result: FitResult,
+    /// Why, in words.
+    pub reasons: Vec<String>,
     /// Wall-clock seconds.
     pub seconds: f64,
     /// Plain simulations.
