@@ -3,12 +3,14 @@
 //! sequence, UTC nanoseconds.
 
 pub mod batch;
+pub mod concentrator;
 pub mod quality;
 pub mod record;
 pub mod sample;
 pub mod site;
 
 pub use batch::SampleBatch;
+pub use concentrator::{BatchRefusal, Concentrator, ConcentratorOptions, PushReport, Restart, Run};
 pub use quality::Quality;
 pub use record::Record;
 pub use sample::{Channel, Sample};
