@@ -4,6 +4,7 @@
 
 pub mod batch;
 pub mod concentrator;
+pub mod phasor;
 pub mod quality;
 pub mod record;
 pub mod sample;
