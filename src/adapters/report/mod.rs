@@ -1,0 +1,21 @@
+//! One self-contained HTML file that shows a model against its measurements: verdict, parameters,
+//! errors, and per event the curves, the residuals and the noise they are judged by.
+//!
+//! The file names no other host, runs no script, follows the reader's light or dark setting, and
+//! every figure carries a description and the data it was drawn from. Everything that comes from
+//! data is escaped on its way in.
+
+mod decimate;
+mod document;
+mod event;
+mod figure;
+mod number;
+mod overview;
+mod sentence;
+mod tables;
+
+#[cfg(test)]
+mod fixture;
+
+pub use document::{Report, Rival, Search, render};
+pub use figure::ReportError;
