@@ -9,7 +9,7 @@ pub mod parameter_set;
 pub mod solution;
 pub mod verdict;
 
-pub use comparison::Comparison;
+pub use comparison::{Comparison, summarise};
 pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{Identification, IdentificationError, IdentificationOptions, compare, identify};

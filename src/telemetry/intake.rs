@@ -143,6 +143,14 @@ impl Occurrence for RecordingTaken {
             "recording taken in"
         );
     }
+
+    fn sentence(&self) -> Option<String> {
+        let (site, recorder) = (&self.site, &self.recorder);
+        Some(format!(
+            "{site}: recording of {recorder} taken in, {} phasors",
+            self.samples
+        ))
+    }
 }
 
 /// A payload could not be understood or belongs to nobody.
@@ -172,6 +180,10 @@ impl Occurrence for PayloadRefused {
             "payload refused"
         );
     }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!("refused a payload on {}: {}", self.key, self.error))
+    }
 }
 
 /// The intake queue was full.
@@ -195,6 +207,13 @@ impl Occurrence for MessagesDropped {
             messages = self.messages,
             "messages dropped: the intake queue was full"
         );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "dropped {} messages: the intake queue was full",
+            self.messages
+        ))
     }
 }
 

@@ -123,6 +123,24 @@ impl Occurrence for FitFinished {
             "fit finished"
         );
     }
+
+    fn sentence(&self) -> Option<String> {
+        let what = if self.joint { "joint fit" } else { "fit" };
+        let held_out = self
+            .held_out
+            .map_or_else(String::new, |(p_percent, q_percent, _)| {
+                format!(", held out eps_P {p_percent:.3} % eps_Q {q_percent:.3} %")
+            });
+        let verdict = match self.result {
+            FitResult::Pass => "passed".to_owned(),
+            FitResult::Fail => format!("failed validation: {}", self.reasons.join("; ")),
+            FitResult::CannotJudge => format!("cannot be judged: {}", self.reasons.join("; ")),
+        };
+        Some(format!(
+            "{what} of {} in {:.1} s: error to noise {:.2}{held_out}; {verdict}",
+            self.subject, self.seconds, self.error_to_noise
+        ))
+    }
 }
 
 /// A fit ended with an error.
@@ -147,6 +165,10 @@ impl Occurrence for FitFailed {
             error = self.error,
             "fit failed"
         );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!("no fit of {}: {}", self.subject, self.error))
     }
 }
 
@@ -210,6 +232,14 @@ impl Occurrence for FitInterrupted {
             );
         }
     }
+
+    fn sentence(&self) -> Option<String> {
+        let reason = self.reason.name();
+        Some(format!(
+            "fit of {} interrupted ({reason}) {}",
+            self.subject, self.detail
+        ))
+    }
 }
 
 /// A job failed too often.
@@ -229,6 +259,13 @@ impl Occurrence for JobParked {
             subject = self.subject,
             "job parked: it failed too often"
         );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "gave up on the fit of {}: it failed too often",
+            self.subject
+        ))
     }
 }
 

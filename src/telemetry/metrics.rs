@@ -9,6 +9,9 @@ use super::{
     catalogue::{BUILD_INFO, START_TIMESTAMP},
 };
 
+/// Why the registry refused the catalogue.
+pub type MetricsError = prometheus::Error;
+
 enum Family {
     Counter(IntCounterVec),
     Gauge(GaugeVec),
@@ -35,7 +38,7 @@ impl Metrics {
     /// # Errors
     ///
     /// When the catalogue names a metric twice or with an invalid name.
-    pub fn new() -> Result<Self, prometheus::Error> {
+    pub fn new() -> Result<Self, MetricsError> {
         let registry = Registry::new();
         let mut families = BTreeMap::new();
         for declaration in CATALOGUE {

@@ -34,6 +34,13 @@ impl Occurrence for ServiceStopping {
     fn emit(&self, _metrics: &Metrics) {
         info!(fits = self.fits, windows = self.windows, "stopping");
     }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "stopping: {} fits run, {} disturbances wait for the store",
+            self.fits, self.windows
+        ))
+    }
 }
 
 /// The service could not finish what it had begun before the grace time was over.
@@ -53,6 +60,13 @@ impl Occurrence for GraceExceeded {
             windows = self.windows,
             "stopped after the grace time"
         );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "stopped after the grace time: {} fits given up, {} disturbances lost",
+            self.fits, self.windows
+        ))
     }
 }
 

@@ -33,6 +33,16 @@ impl Occurrence for CandidateDecided {
             "candidate decided on"
         );
     }
+
+    fn sentence(&self) -> Option<String> {
+        let decision = match (self.decision, self.version) {
+            ("reject", _) => "kept the set in force".to_owned(),
+            ("await_approval", _) => "waits for approval".to_owned(),
+            (_, Some(version)) => format!("to be published as version {version}"),
+            (other, None) => other.to_owned(),
+        };
+        Some(format!("{}: {decision}: {}", self.site, self.reason))
+    }
 }
 
 /// A set is on its key.
@@ -53,6 +63,10 @@ impl Occurrence for SetPublished {
         metrics.set(&catalogue::SET_VERSION, &[site], self.version as f64);
         metrics.set(&catalogue::SET_TIMESTAMP, &[site], seconds(self.at_ns));
         info!(site, version = self.version, "parameter set published");
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!("{}: version {} published", self.site, self.version))
     }
 }
 
@@ -96,6 +110,13 @@ impl Occurrence for PublishFailed {
             error = self.error,
             "publication failed"
         );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "could not publish {}: {}",
+            self.subject, self.error
+        ))
     }
 }
 

@@ -25,6 +25,10 @@ impl Occurrence for StoreFailed {
             "the store refused an operation"
         );
     }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!("the store refused an operation: {}", self.error))
+    }
 }
 
 /// Numbers of the store.
@@ -113,5 +117,15 @@ impl Occurrence for WorkTakenUp {
                 "took up work that was left behind"
             );
         }
+    }
+
+    fn sentence(&self) -> Option<String> {
+        let (windows, events, sets) = (self.windows, self.events, self.sets);
+        (windows + events + sets > 0).then(|| {
+            format!(
+                "took up what was left behind: {windows} disturbances to screen, {events} events \
+                 to announce, {sets} sets to publish"
+            )
+        })
     }
 }

@@ -64,6 +64,13 @@ impl Occurrence for WindowDropped {
             "disturbance lost"
         );
     }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "lost the disturbance {}: {}",
+            self.window, self.reason
+        ))
+    }
 }
 
 /// How many windows are in memory only.
@@ -106,6 +113,15 @@ impl Occurrence for WindowScreened {
             reasons = self.in_words,
             "disturbance screened"
         );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        let window = &self.window;
+        Some(match (self.refusals.is_empty(), self.in_words.is_empty()) {
+            (true, true) => format!("disturbance {window}: usable"),
+            (true, false) => format!("disturbance {window}: usable, but {}", self.in_words),
+            (false, _) => format!("disturbance {window}: not used, {}", self.in_words),
+        })
     }
 }
 

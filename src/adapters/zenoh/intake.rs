@@ -32,6 +32,8 @@ pub enum Message {
     },
     /// A question that is answered when everything before it in this queue has been taken in.
     Barrier(Question),
+    /// Nothing comes after this.
+    End,
 }
 
 /// How many messages were dropped since the last look.
@@ -103,6 +105,14 @@ pub fn queues(messages_max: usize) -> (Entrance, Exits) {
 }
 
 impl Entrance {
+    /// Marks the end of both queues, behind everything that waits in them. Blocks while they are
+    /// full; does nothing when nobody reads them any more.
+    pub fn end(&self) {
+        for queue in [&self.measurements, &self.recordings] {
+            let _: Result<(), _> = queue.send(Message::End);
+        }
+    }
+
     pub(super) fn measurement(&self, message: Message) {
         if self.measurements.try_send(message).is_err() {
             self.drops.measurements.fetch_add(1, Ordering::Relaxed);

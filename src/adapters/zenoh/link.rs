@@ -76,13 +76,22 @@ impl Link {
         locators.iter().map(ToString::to_string).collect()
     }
 
-    /// Takes nothing in any more; questions are still answered.
-    pub async fn stop_intake(&mut self) {
-        for subscriber in self.subscribers.drain(..) {
-            if let Err(error) = subscriber.undeclare().await {
-                tracing::debug!(%error, "subscriber not undeclared");
+    /// Takes nothing in any more once the future has ended; questions are still answered.
+    pub fn stop_intake(&mut self) -> impl Future<Output = ()> + Send + 'static {
+        let subscribers = std::mem::take(&mut self.subscribers);
+        async move {
+            for subscriber in subscribers {
+                if let Err(error) = subscriber.undeclare().await {
+                    tracing::debug!(%error, "subscriber not undeclared");
+                }
             }
         }
+    }
+
+    /// Whether the session is open.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        !self.session.is_closed()
     }
 
     /// Closes the session within its limit; returns whether it was kept.
@@ -157,12 +166,6 @@ impl LinkPublisher {
     #[must_use]
     pub const fn keys(&self) -> &Keys {
         &self.keys
-    }
-
-    /// Whether the session is open.
-    #[must_use]
-    pub fn is_open(&self) -> bool {
-        !self.session.is_closed()
     }
 
     async fn put(&self, key: &str, document: String) -> Result<(), ZenohError> {
