@@ -87,7 +87,7 @@ fn write_string(text: &mut String, string: &str) {
 }
 
 /// RFC 8785, 3.2.2.3: `Number::toString` of ECMAScript. Rust's `{:e}` yields the same shortest
-/// digits; only their arrangement differs. A number of serde_json is finite by construction.
+/// digits; only their arrangement differs. A number of `serde_json` is finite by construction.
 fn write_number(text: &mut String, number: &Number) {
     let value = number.as_f64().unwrap_or(0.0);
     if value == 0.0 {

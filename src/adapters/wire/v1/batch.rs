@@ -107,8 +107,8 @@ fn believe(raw: RawBatch, site: &Site, limits: &BatchLimits) -> Result<SampleBat
         });
     }
     let nominal_hz = required(raw.nominal_hz, "nominal_hz")?;
-    // Written so that NaN is refused.
-    if !((nominal_hz - site.nominal_hz).abs() <= NOMINAL_TOLERANCE_HZ) {
+    let difference_hz = (nominal_hz - site.nominal_hz).abs();
+    if difference_hz.is_nan() || difference_hz > NOMINAL_TOLERANCE_HZ {
         return Err(BatchError::NominalDiffers {
             site_hz: site.nominal_hz,
             batch_hz: nominal_hz,
@@ -283,7 +283,8 @@ mod tests {
         document.to_string().into_bytes()
     }
 
-    fn with_channel(channel: &str, unit: &str, values: Value) -> Vec<u8> {
+    fn with_channel(channel: &str, unit: &str, values: impl Into<Value>) -> Vec<u8> {
+        let values: Value = values.into();
         with(
             "channels",
             json!([{"channel": channel, "unit": unit, "values": values}]),
