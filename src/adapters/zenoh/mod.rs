@@ -16,5 +16,5 @@ pub use keys::{Address, Keys, is_chunk};
 pub use link::{Link, LinkPublisher};
 pub use options::{Mode, ZenohOptions};
 pub use question::Question;
-pub use session::{ZenohError, ask, close, open, put};
+pub use session::{Documents, ZenohError, ask, close, close_within, documents, open, put};
 pub use zenoh::{Session, bytes::Encoding};

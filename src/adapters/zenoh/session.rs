@@ -3,7 +3,10 @@
 use std::time::Duration;
 
 use tokio::time::timeout;
-use zenoh::{Config, Session, bytes::Encoding, qos::CongestionControl};
+use zenoh::{
+    Config, Session, bytes::Encoding, handlers::FifoChannelHandler, pubsub::Subscriber,
+    qos::CongestionControl, sample::Sample,
+};
 
 use super::{Mode, ZenohOptions};
 
@@ -61,6 +64,9 @@ pub enum ZenohError {
         /// Limit, seconds.
         seconds: u64,
     },
+    /// The session was closed by the other side.
+    #[error("the connection was closed")]
+    Closed,
     /// The answer was an error.
     #[error("`{selector}` was refused: {reason}")]
     Refused {
@@ -114,6 +120,42 @@ pub async fn put(
             key: key.to_owned(),
             reason: error.to_string(),
         })
+}
+
+/// Documents that arrive on a key expression. Nothing is dropped: a reader that is too slow makes
+/// the sender wait.
+#[derive(Debug)]
+pub struct Documents {
+    subscriber: Subscriber<FifoChannelHandler<Sample>>,
+}
+
+/// Subscribes to documents.
+///
+/// # Errors
+///
+/// [`ZenohError::Declare`].
+pub async fn documents(session: &Session, key: &str) -> Result<Documents, ZenohError> {
+    let subscriber = session
+        .declare_subscriber(key.to_owned())
+        .await
+        .map_err(|error| ZenohError::Declare {
+            key: key.to_owned(),
+            reason: error.to_string(),
+        })?;
+    Ok(Documents { subscriber })
+}
+
+impl Documents {
+    /// The next document; none when the session has been closed.
+    pub async fn next(&self) -> Option<String> {
+        let sample = self.subscriber.recv_async().await.ok()?;
+        Some(text(&sample.payload().to_bytes()))
+    }
+}
+
+/// [`close`] within the limit of the options.
+pub async fn close_within(session: &Session, options: &ZenohOptions) -> bool {
+    close(session, Duration::from_millis(options.close_timeout_ms)).await
 }
 
 /// Asks one question and waits for the first answer.
