@@ -11,12 +11,41 @@ pub enum Trigger {
     VoltageSwell,
     /// The voltage moved by more than the step threshold within the step time.
     VoltageStep,
+    /// The voltage's angle jumped by more than the threshold within the step time: line switching.
+    PhaseJump,
     /// The frequency left the band around nominal.
     FrequencyExcursion,
     /// The frequency moved faster than the rate-of-change threshold.
     RateOfChangeOfFrequency,
     /// The whole recording was declared one disturbance by whoever recorded it.
     Recording,
+}
+
+impl Trigger {
+    /// Every trigger.
+    pub const ALL: [Self; 7] = [
+        Self::VoltageDip,
+        Self::VoltageSwell,
+        Self::VoltageStep,
+        Self::PhaseJump,
+        Self::FrequencyExcursion,
+        Self::RateOfChangeOfFrequency,
+        Self::Recording,
+    ];
+
+    /// Short name from a closed set, for documents and metrics' labels.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::VoltageDip => "voltage_dip",
+            Self::VoltageSwell => "voltage_swell",
+            Self::VoltageStep => "voltage_step",
+            Self::PhaseJump => "phase_jump",
+            Self::FrequencyExcursion => "frequency_excursion",
+            Self::RateOfChangeOfFrequency => "rate_of_change_of_frequency",
+            Self::Recording => "recording",
+        }
+    }
 }
 
 /// Why a window was closed.
@@ -32,6 +61,20 @@ pub enum Closing {
     StreamSilent,
     /// The recording ended.
     RecordingEnded,
+}
+
+impl Closing {
+    /// Short name from a closed set, for documents and metrics' labels.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Recovered => "recovered",
+            Self::LongestReached => "longest_reached",
+            Self::StreamGap => "stream_gap",
+            Self::StreamSilent => "stream_silent",
+            Self::RecordingEnded => "recording_ended",
+        }
+    }
 }
 
 /// A disturbance with the time before and after it.
@@ -56,6 +99,23 @@ impl Window {
     #[must_use]
     pub fn onset_ns(&self) -> i64 {
         self.record.time_ns(self.onset)
+    }
+}
+
+/// Identifier of a window: site and onset time to the millisecond, UTC, such as
+/// `site-02-20260410T051102.585Z`. A time outside the calendar is written in nanoseconds.
+#[must_use]
+pub fn window_id(site: &str, onset_ns: i64) -> String {
+    let rounded = jiff::Timestamp::from_nanosecond(i128::from(onset_ns)).and_then(|time| {
+        time.round(
+            jiff::TimestampRound::new()
+                .smallest(jiff::Unit::Millisecond)
+                .mode(jiff::RoundMode::HalfExpand),
+        )
+    });
+    match rounded {
+        Ok(time) => format!("{site}-{}", time.strftime("%Y%m%dT%H%M%S.%3fZ")),
+        Err(_) => format!("{site}-{onset_ns}ns"),
     }
 }
 
@@ -128,5 +188,19 @@ impl Screening {
     #[must_use]
     pub fn usable(&self) -> bool {
         self.refusals.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_is_named_after_site_and_onset() {
+        assert_eq!(
+            window_id("site-02", 1_775_797_862_584_999_999),
+            "site-02-20260410T051102.585Z"
+        );
+        assert_eq!(window_id("a", 0), "a-19700101T000000.000Z");
     }
 }
