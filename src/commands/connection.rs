@@ -30,7 +30,11 @@ impl ConnectionArgs {
             connect.extend(daemon.listen.iter().map(|endpoint| reachable(endpoint)));
             return Ok(client(connect, daemon.prefix, daemon.settings));
         }
-        Ok(client(self.endpoint.clone(), self.prefix.clone(), Vec::new()))
+        Ok(client(
+            self.endpoint.clone(),
+            self.prefix.clone(),
+            Vec::new(),
+        ))
     }
 }
 
@@ -52,7 +56,9 @@ pub(super) fn client(
 
 /// An endpoint that listens on all addresses is reached on this machine's own.
 fn reachable(listen: &str) -> String {
-    listen.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+    listen
+        .replace("/0.0.0.0:", "/127.0.0.1:")
+        .replace("/[::]:", "/[::1]:")
 }
 
 #[cfg(test)]

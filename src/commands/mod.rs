@@ -17,6 +17,7 @@ use std::{
 };
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use tokio::runtime::{self, Runtime};
 
 pub use error::Error;
 
@@ -94,6 +95,14 @@ pub fn main() -> ExitCode {
     } else {
         EXIT_FAILURE
     })
+}
+
+/// A runtime for commands that talk to others; computing has threads of its own.
+fn runtime() -> Result<Runtime, Error> {
+    Ok(runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()?)
 }
 
 fn completions(args: &CompletionsArgs, out: &mut dyn Write) -> Result<(), Error> {

@@ -68,14 +68,21 @@ pub(super) fn in_words(document: &str) -> String {
     let Ok(set) = serde_json::from_str::<Value>(document) else {
         return format!("a document that is not JSON: {document}");
     };
-    let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let text = |value: &Value| {
+        value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned)
+    };
     let structure: Vec<String> = set["structure"]
         .as_array()
         .map(|parts| parts.iter().map(text).collect())
         .unwrap_or_default();
     let errors = |part: &str| match (&set[part]["eps_p_percent"], &set[part]["eps_q_percent"]) {
         (Value::Number(p), Value::Number(q)) => {
-            let (p, q) = (p.as_f64().unwrap_or(f64::NAN), q.as_f64().unwrap_or(f64::NAN));
+            let (p, q) = (
+                p.as_f64().unwrap_or(f64::NAN),
+                q.as_f64().unwrap_or(f64::NAN),
+            );
             format!("eps_P {p:.3} % eps_Q {q:.3} %")
         }
         _ => "none".to_owned(),

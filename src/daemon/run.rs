@@ -466,6 +466,9 @@ impl Loop {
 
     fn apply(&mut self, event: Event) -> Result<Next, DaemonError> {
         let started: Instant = clock::instant();
+        if matches!(event, Event::SetPublished { .. }) {
+            self.parts.board.update(|status| status.sets_published += 1);
+        }
         let commands = self.state.apply(clock::now_ns(), event);
         let mut next = Next::Continue;
         for command in commands {

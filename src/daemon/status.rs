@@ -19,6 +19,8 @@ pub struct Status {
     pub at_rest: bool,
     /// Fits that run.
     pub fits_running: usize,
+    /// Parameter sets published since the start.
+    pub sets_published: u64,
     /// Ticks of the loop since the start.
     pub ticks: u64,
 }

@@ -6,10 +6,11 @@ use crate::{
     identification::{DirectionOutcome, VerdictStatus},
 };
 
-const TRIGGERS: [Trigger; 6] = [
+const TRIGGERS: [Trigger; 7] = [
     Trigger::VoltageDip,
     Trigger::VoltageSwell,
     Trigger::VoltageStep,
+    Trigger::PhaseJump,
     Trigger::FrequencyExcursion,
     Trigger::RateOfChangeOfFrequency,
     Trigger::Recording,
@@ -42,6 +43,7 @@ pub const fn trigger_name(trigger: Trigger) -> &'static str {
         Trigger::VoltageDip => "voltage_dip",
         Trigger::VoltageSwell => "voltage_swell",
         Trigger::VoltageStep => "voltage_step",
+        Trigger::PhaseJump => "phase_jump",
         Trigger::FrequencyExcursion => "frequency_excursion",
         Trigger::RateOfChangeOfFrequency => "rate_of_change_of_frequency",
         Trigger::Recording => "recording",
