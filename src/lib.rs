@@ -16,3 +16,4 @@ pub mod measurement;
 pub mod numerics;
 pub mod service;
 pub mod telemetry;
+pub mod truth;

@@ -70,6 +70,11 @@ pub enum Error {
 }
 
 impl Error {
+    /// An error of a command that has its own kinds.
+    pub fn other(error: impl std::error::Error + Send + Sync + 'static) -> Self {
+        Self::Other(Box::new(error))
+    }
+
     /// Whether the command was used wrongly.
     #[must_use]
     pub const fn is_usage(&self) -> bool {

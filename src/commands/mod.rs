@@ -7,6 +7,8 @@
 mod connection;
 pub mod demo;
 mod error;
+pub mod generate;
+pub mod inspect;
 pub mod replay;
 pub mod run;
 pub mod subscribe;
@@ -46,6 +48,10 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Print parameter sets as they are published
     Subscribe(subscribe::SubscribeArgs),
+    /// Say what is in a COMTRADE file or site folder
+    Inspect(inspect::InspectArgs),
+    /// Make synthetic sites whose truth is known
+    Generate(generate::GenerateArgs),
     /// Print a completion script for a shell
     Completions(CompletionsArgs),
     /// Print the manual page
@@ -58,6 +64,8 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Demo(args) => demo::run(&args, out),
         Command::Replay(args) => replay::run(&args, out),
         Command::Subscribe(args) => subscribe::run(&args, out),
+        Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
+        Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),
         Command::Man => manual(out),
     }

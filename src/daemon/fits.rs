@@ -18,7 +18,7 @@ use crate::{
     adapters::store::{Store, StoreError, StoredFit},
     disturbance::Window,
     identification::{
-        Identification, IdentificationError, InForce, ParameterSet, compare, identify, summarise,
+        Identification, IdentificationError, InForce, ParameterSet, errors_on, identify,
     },
     measurement::Site,
     service::{Candidate, Claimed, Event, FitEnd, Fitted, Work, WorkKind},
@@ -135,7 +135,7 @@ impl Fit {
                 self.fitted(identification, inputs_hash, &windows)?
             }
             Err(IdentificationError::Cancelled) => FitEnd::Cancelled,
-            Err(error @ IdentificationError::UnknownStructure { .. }) => FitEnd::Failed {
+            Err(error @ IdentificationError::Structure(_)) => FitEnd::Failed {
                 error: error.to_string(),
             },
             Err(error) => no_set(error.to_string()),
@@ -216,9 +216,7 @@ impl Fit {
         let on_candidates_held_out = if held_out.is_empty() {
             None
         } else {
-            compare(&set, &held_out, options)
-                .ok()
-                .map(|comparisons| summarise(&comparisons))
+            errors_on(&set, &held_out, options).ok()
         };
         Ok(Some(InForce {
             set,

@@ -1,6 +1,7 @@
 //! Model against measurement, sample by sample: what plots and reports are made of.
 
-use super::{ErrorSummary, EventErrors};
+use super::{EventErrors, evaluate::Curves, intake::PreparedEvent};
+use crate::{disturbance::Window, measurement::Sample};
 
 /// One event, measured and modelled. All vectors have the same length.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,48 +36,39 @@ pub struct Comparison {
     pub errors: EventErrors,
 }
 
-/// The errors of several events as one summary: over all used samples, and the ratios to the noise
-/// over the event parts.
-#[must_use]
-pub fn summarise(comparisons: &[Comparison]) -> ErrorSummary {
-    let active = |c: &Comparison, k: usize| (c.active_measured_pu[k], c.active_model_pu[k]);
-    let reactive = |c: &Comparison, k: usize| (c.reactive_measured_pu[k], c.reactive_model_pu[k]);
-    ErrorSummary {
-        eps_p_percent: eps_percent(comparisons, active),
-        eps_q_percent: eps_percent(comparisons, reactive),
-        error_to_noise: error_to_noise(comparisons, |_, _| true),
-        error_to_noise_away_from_edges: error_to_noise(comparisons, |c, k| !c.near_edge[k]),
-        events: comparisons.iter().map(|c| c.errors.clone()).collect(),
+/// Puts a simulated event beside its measurement, in per unit of the load base.
+pub(super) fn compare_event(
+    window: &Window,
+    event: &PreparedEvent,
+    curves: &Curves,
+    errors: EventErrors,
+) -> Comparison {
+    let samples = &window.record.samples;
+    let onset = event.event_start.min(event.len().saturating_sub(1));
+    let scaled = |x: &[f64]| x.iter().map(|y| y * event.p0_pu).collect::<Vec<_>>();
+    let measured = |value: fn(&Sample) -> f64| {
+        samples
+            .iter()
+            .map(|s| if s.usable() { value(s) } else { f64::NAN })
+            .collect::<Vec<_>>()
+    };
+    let noise = |relative: f64| vec![relative * event.p0_pu; event.len()];
+    Comparison {
+        event: event.id.clone(),
+        onset_ns: window.record.time_ns(onset),
+        time_s: (0..event.len())
+            .map(|k| (k as f64 - onset as f64) / event.rate_fps)
+            .collect(),
+        voltage_pu: measured(|s| s.voltage_pu),
+        frequency_hz: measured(|s| s.frequency_hz),
+        active_measured_pu: measured(|s| s.active_pu),
+        active_model_pu: scaled(&curves.active),
+        reactive_measured_pu: measured(|s| s.reactive_pu),
+        reactive_model_pu: scaled(&curves.reactive),
+        active_noise_pu: noise(event.active_noise),
+        reactive_noise_pu: noise(event.reactive_noise),
+        used: event.used.clone(),
+        near_edge: event.near_edge.clone(),
+        errors,
     }
-}
-
-/// `100 sqrt(sum (y_m - y)^2 / sum y_m^2)` over the used samples of all events.
-fn eps_percent(
-    comparisons: &[Comparison],
-    values: impl Fn(&Comparison, usize) -> (f64, f64),
-) -> f64 {
-    let (mut errors, mut squares) = (0.0, 0.0);
-    for comparison in comparisons {
-        for k in (0..comparison.used.len()).filter(|k| comparison.used[*k]) {
-            let (measured, modelled) = values(comparison, k);
-            errors += (measured - modelled).powi(2);
-            squares += measured.powi(2);
-        }
-    }
-    100.0 * (errors / squares).sqrt()
-}
-
-/// Root mean square of residual over noise floor, both channels, from the onsets on.
-fn error_to_noise(comparisons: &[Comparison], counts: impl Fn(&Comparison, usize) -> bool) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for c in comparisons {
-        let used = |k: &usize| c.used[*k] && c.time_s[*k] >= 0.0 && counts(c, *k);
-        for k in (0..c.used.len()).filter(used) {
-            let p = (c.active_measured_pu[k] - c.active_model_pu[k]) / c.active_noise_pu[k];
-            let q = (c.reactive_measured_pu[k] - c.reactive_model_pu[k]) / c.reactive_noise_pu[k];
-            sum += p * p + q * q;
-            count += 2.0;
-        }
-    }
-    (sum / count).sqrt()
 }

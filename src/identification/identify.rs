@@ -1,11 +1,63 @@
 //! From windows to a parameter set: prepare, split, fit jointly, validate on what was held out.
 
-use super::{Comparison, Cost, DirectionRecord, ParameterSet, Solution};
-use crate::{disturbance::Window, measurement::Site};
+use super::{
+    Bases, Comparison, Cost, DirectionRecord, ErrorSummary, OperatingPoint, ParameterSet, Solution,
+    Verdict,
+    edge_timing::align,
+    estimates::{self, Estimates},
+    evaluate::{FittedModel, StaticModel, errors},
+    fit::{Fit, FitSolution, SearchOptions, fit},
+    hold_out::held_out,
+    intake::{IntakeOptions, PreparedEvent, prepare},
+    joint_problem::{LINEAR, OUTER, ProblemOptions},
+    validate::{Evidence, ValidationOptions, validate},
+};
+use crate::{
+    disturbance::Window,
+    load_model::{LinearCoefficients, MotorCoordinates, Structure},
+    measurement::Site,
+};
+
+/// Which events are held out.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Split {
+    /// This share of the events, chosen by a stable hash and balanced over depth.
+    Share(f64),
+    /// Exactly these events are fitted and these held out; others are left aside.
+    Named {
+        /// Events to fit.
+        fitted: Vec<String>,
+        /// Events to hold out.
+        held_out: Vec<String>,
+    },
+}
 
 /// Settings of an identification; each group belongs to one step of the path.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct IdentificationOptions {}
+#[derive(Clone, Debug, PartialEq)]
+pub struct IdentificationOptions {
+    /// Preparation of the windows.
+    pub intake: IntakeOptions,
+    /// Bounds, priors and random effects.
+    pub problem: ProblemOptions,
+    /// Global search.
+    pub search: SearchOptions,
+    /// Held-out events. Default: a third.
+    pub split: Split,
+    /// Validation.
+    pub validation: ValidationOptions,
+}
+
+impl Default for IdentificationOptions {
+    fn default() -> Self {
+        Self {
+            intake: IntakeOptions::default(),
+            problem: ProblemOptions::default(),
+            search: SearchOptions::default(),
+            split: Split::Share(0.33),
+            validation: ValidationOptions::default(),
+        }
+    }
+}
 
 /// What an identification produced.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,6 +70,8 @@ pub struct Identification {
     pub directions: Vec<DirectionRecord>,
     /// What it cost; `seconds` is left at 0, time is not known here.
     pub cost: Cost,
+    /// Events that could not be used, with the reason.
+    pub refused: Vec<(String, String)>,
 }
 
 /// Why no set could be identified.
@@ -25,18 +79,27 @@ pub struct Identification {
 #[non_exhaustive]
 pub enum IdentificationError {
     /// No event can be fitted; each with its reason.
-    #[error("no event can be fitted: {}", .refused.iter().map(|(event, reason)| format!("{event}: {reason}")).collect::<Vec<_>>().join("; "))]
+    #[error("no event can be fitted: {}", list(.refused))]
     NoUsableEvent {
         /// Event and why it cannot be fitted.
         refused: Vec<(String, String)>,
     },
-    /// The structure names something that does not exist.
-    #[error("unknown model part `{part}`; known: {known}")]
-    UnknownStructure {
+    /// A structure that cannot be composed.
+    #[error("{0}")]
+    Structure(#[from] crate::load_model::structure::StructureError),
+    /// A named event does not exist or cannot be used.
+    #[error("event `{event}` asked for is not among the usable events: {usable}")]
+    UnknownEvent {
         /// The name.
-        part: String,
-        /// What exists.
-        known: String,
+        event: String,
+        /// What can be used.
+        usable: String,
+    },
+    /// A stored set lacks a coordinate and cannot be simulated.
+    #[error("parameter set holds no `{name}`: it cannot be simulated")]
+    IncompleteSet {
+        /// The coordinate.
+        name: String,
     },
     /// The search found no feasible point.
     #[error("no feasible parameters were found from any start")]
@@ -46,33 +109,378 @@ pub enum IdentificationError {
     Cancelled,
 }
 
+fn list(refused: &[(String, String)]) -> String {
+    let lines: Vec<String> = refused
+        .iter()
+        .map(|(event, reason)| format!("{event}: {reason}"))
+        .collect();
+    lines.join("; ")
+}
+
 /// Fits `structure` to the windows jointly, holds some of them out, validates on those.
 ///
-/// Deterministic: the same windows and options give the same bytes, whatever the number of threads.
-/// `cancel` is asked between simulations.
+/// Deterministic: the same windows and options give the same bytes, whatever the number of threads
+/// and whatever the order of the windows. `cancel` is asked between simulations.
 ///
 /// # Errors
 ///
 /// See [`IdentificationError`].
 pub fn identify(
-    _site: &Site,
-    _windows: &[Window],
-    _structure: &[String],
-    _options: &IdentificationOptions,
-    _cancel: &(dyn Fn() -> bool + Sync),
+    site: &Site,
+    windows: &[Window],
+    structure: &[String],
+    options: &IdentificationOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Identification, IdentificationError> {
+    let structure = Structure::parse(structure)?;
+    let (events, refused) = prepare_all(windows, &options.intake);
+    if events.is_empty() {
+        return Err(IdentificationError::NoUsableEvent { refused });
+    }
+    let (fitted, held) = split(events, &options.split)?;
+    let problem = ProblemOptions {
+        frequency_scaled_power: structure.contains("frequency_scaled_power"),
+        ..options.problem
+    };
+    let (found, fitted) = fit_aligned(fitted, problem, &options.search, cancel)?;
+    let operating_point = median_operating_point(&fitted);
+    let best = found
+        .solutions
+        .first()
+        .ok_or(IdentificationError::NoSolution)?;
+    let held: Vec<PreparedEvent> = held.iter().map(|e| align(&best.model, e)).collect();
+    let reference = StaticModel::fit(&fitted);
+    let infeasible = |_| IdentificationError::NoSolution;
+    let fit_errors = errors(&best.model, &reference, &fitted).map_err(infeasible)?;
+    let held_errors = if held.is_empty() {
+        None
+    } else {
+        Some(errors(&best.model, &reference, &held).map_err(infeasible)?)
+    };
+    let estimates = estimates::estimates(
+        best,
+        &problem,
+        &operating_point,
+        site.nominal_hz,
+        reduced_chi_square(best, &fitted),
+    );
+    let evidence = Evidence {
+        model: &best.model,
+        fitted: &fitted,
+        held_out: &held,
+        fit_errors: &fit_errors,
+        held_out_errors: held_errors.as_ref(),
+        motor_share_determined: determined(&estimates, "Kpm"),
+    };
+    let verdict = validate(&evidence, &options.validation).map_err(infeasible)?;
+    let solutions = solution_records(&found, &problem, &operating_point, site.nominal_hz);
+    let set = assemble(
+        site,
+        &structure,
+        estimates,
+        operating_point,
+        (&fitted, fit_errors),
+        (&held, held_errors),
+        verdict,
+    );
+    Ok(Identification {
+        set,
+        solutions,
+        directions: found.directions,
+        cost: found.cost,
+        refused,
+    })
+}
+
+/// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
+/// explain P and Q best, until the objective settles.
+fn fit_aligned(
+    mut events: Vec<PreparedEvent>,
+    problem: ProblemOptions,
+    search: &SearchOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<(Fit, Vec<PreparedEvent>), IdentificationError> {
+    const ROUNDS_MAX: usize = 8;
+    const SETTLED: f64 = 0.01;
+    let mut before: Option<f64> = None;
+    let mut spent = Cost::default();
+    for round in 1.. {
+        let found = fit(&events, problem, search, cancel);
+        if cancel() {
+            return Err(IdentificationError::Cancelled);
+        }
+        let mut found = found.ok_or(IdentificationError::NoSolution)?;
+        spent.simulations += found.cost.simulations;
+        spent.sensitivity_simulations += found.cost.sensitivity_simulations;
+        found.cost = spent;
+        let Some(best) = found.solutions.first() else {
+            break;
+        };
+        let objective = best.point.objective;
+        let settled = before.is_some_and(|b| b - objective < SETTLED * b);
+        if settled || round == ROUNDS_MAX || events.iter().all(|e| e.edges.is_empty()) {
+            return Ok((found, events));
+        }
+        before = Some(objective);
+        events = events.iter().map(|e| align(&best.model, e)).collect();
+    }
     Err(IdentificationError::NoSolution)
 }
 
-/// Simulates a parameter set on each window.
+/// Simulates a parameter set on each window that can be used.
 ///
 /// # Errors
 ///
 /// [`IdentificationError::NoUsableEvent`] when no window can be simulated.
 pub fn compare(
-    _set: &ParameterSet,
-    _windows: &[Window],
-    _options: &IdentificationOptions,
+    set: &ParameterSet,
+    windows: &[Window],
+    options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    Err(IdentificationError::NoSolution)
+    let model = model_of(set)?;
+    let (events, refused) = prepare_all(windows, &options.intake);
+    if events.is_empty() {
+        return Err(IdentificationError::NoUsableEvent { refused });
+    }
+    let events: Vec<PreparedEvent> = events.iter().map(|e| align(&model, e)).collect();
+    let reference = StaticModel::fit(&events);
+    let summary =
+        errors(&model, &reference, &events).map_err(|_| IdentificationError::NoSolution)?;
+    let mut list = Vec::with_capacity(events.len());
+    for (event, errors) in events.iter().zip(summary.events) {
+        let curves = model
+            .simulate(event)
+            .map_err(|_| IdentificationError::NoSolution)?;
+        let Some(window) = windows.iter().find(|w| w.id == event.id) else {
+            continue;
+        };
+        list.push(super::comparison::compare_event(
+            window, event, &curves, errors,
+        ));
+    }
+    Ok(list)
+}
+
+/// Errors of a stored set on some windows, as used to hold the set in force against a candidate.
+///
+/// # Errors
+///
+/// As [`compare`].
+pub fn errors_on(
+    set: &ParameterSet,
+    windows: &[Window],
+    options: &IdentificationOptions,
+) -> Result<ErrorSummary, IdentificationError> {
+    let model = model_of(set)?;
+    let (events, refused) = prepare_all(windows, &options.intake);
+    if events.is_empty() {
+        return Err(IdentificationError::NoUsableEvent { refused });
+    }
+    let events: Vec<PreparedEvent> = events.iter().map(|e| align(&model, e)).collect();
+    errors(&model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
+}
+
+fn prepare_all(
+    windows: &[Window],
+    options: &IntakeOptions,
+) -> (Vec<PreparedEvent>, Vec<(String, String)>) {
+    let (mut events, mut refused) = (Vec::new(), Vec::new());
+    for window in windows {
+        match prepare(window, options) {
+            Ok(event) => events.push(event),
+            Err(reason) => refused.push((window.id.clone(), reason.to_string())),
+        }
+    }
+    // The order of arrival must not reach the sums.
+    events.sort_by(|a, b| a.id.cmp(&b.id));
+    (events, refused)
+}
+
+fn split(
+    events: Vec<PreparedEvent>,
+    split: &Split,
+) -> Result<(Vec<PreparedEvent>, Vec<PreparedEvent>), IdentificationError> {
+    match split {
+        Split::Share(share) => {
+            let keys: Vec<(&str, f64)> = events
+                .iter()
+                .map(|e| (e.id.as_str(), e.lowest_voltage))
+                .collect();
+            let chosen = held_out(&keys, *share);
+            let (mut fitted, mut held) = (Vec::new(), Vec::new());
+            for (i, event) in events.into_iter().enumerate() {
+                if chosen.contains(&i) {
+                    held.push(event)
+                } else {
+                    fitted.push(event)
+                }
+            }
+            Ok((fitted, held))
+        }
+        Split::Named { fitted, held_out } => {
+            for name in fitted.iter().chain(held_out) {
+                if !events.iter().any(|e| e.id == *name) {
+                    let usable: Vec<&str> = events.iter().map(|e| e.id.as_str()).collect();
+                    return Err(IdentificationError::UnknownEvent {
+                        event: name.clone(),
+                        usable: usable.join(", "),
+                    });
+                }
+            }
+            let take = |names: &[String]| {
+                events
+                    .iter()
+                    .filter(|e| names.contains(&e.id))
+                    .cloned()
+                    .collect::<Vec<_>>()
+            };
+            let fit = if fitted.is_empty() {
+                events
+                    .iter()
+                    .filter(|e| !held_out.contains(&e.id))
+                    .cloned()
+                    .collect()
+            } else {
+                take(fitted)
+            };
+            if fit.is_empty() {
+                return Err(IdentificationError::NoUsableEvent {
+                    refused: Vec::new(),
+                });
+            }
+            Ok((fit, take(held_out)))
+        }
+    }
+}
+
+fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
+    let median = |value: fn(&PreparedEvent) -> f64| {
+        let mut values: Vec<f64> = events.iter().map(value).collect();
+        values.sort_by(f64::total_cmp);
+        let (a, b) = (values[(values.len() - 1) / 2], values[values.len() / 2]);
+        0.5 * (a + b)
+    };
+    OperatingPoint {
+        v0_pu: median(|e| e.v0_pu),
+        p0_pu: median(|e| e.p0_pu),
+        q0_pu: median(|e| e.q0_pu),
+    }
+}
+
+fn reduced_chi_square(best: &FitSolution, events: &[PreparedEvent]) -> f64 {
+    let samples: usize = events
+        .iter()
+        .map(|e| e.used.iter().filter(|u| **u).count())
+        .sum();
+    let freedom = (2 * samples).saturating_sub(OUTER + LINEAR).max(1) as f64;
+    2.0 * best.point.objective / freedom
+}
+
+fn determined(estimates: &Estimates, name: &str) -> bool {
+    estimates
+        .parameters
+        .iter()
+        .any(|p| p.name == name && p.identifiable)
+}
+
+fn solution_records(
+    fit: &Fit,
+    problem: &ProblemOptions,
+    operating_point: &OperatingPoint,
+    nominal_hz: f64,
+) -> Vec<Solution> {
+    fit.solutions
+        .iter()
+        .map(|solution| {
+            let named = estimates::estimates(solution, problem, operating_point, nominal_hz, 1.0);
+            let coordinates = solution
+                .found
+                .local
+                .x
+                .iter()
+                .copied()
+                .chain(solution.point.linear);
+            Solution {
+                id: solution.found.id,
+                tier: solution.found.tier,
+                found_from: solution.found.found_from,
+                direction: solution.found.direction,
+                objective: solution.point.objective,
+                parameters: named
+                    .parameters
+                    .into_iter()
+                    .map(|p| (p.name, p.value))
+                    .collect(),
+                coordinates: estimates::coordinate_names()
+                    .into_iter()
+                    .map(str::to_owned)
+                    .zip(coordinates)
+                    .collect(),
+                at_bound: estimates::names_at_bound(solution),
+            }
+        })
+        .collect()
+}
+
+fn assemble(
+    site: &Site,
+    structure: &Structure,
+    estimates: Estimates,
+    operating_point: OperatingPoint,
+    (fitted, fit): (&[PreparedEvent], ErrorSummary),
+    (held, held_out): (&[PreparedEvent], Option<ErrorSummary>),
+    verdict: Verdict,
+) -> ParameterSet {
+    let ids = |events: &[PreparedEvent]| events.iter().map(|e| e.id.clone()).collect();
+    ParameterSet {
+        site: site.name.clone(),
+        version: 0,
+        structure: structure.names(),
+        structure_versions: structure.versions(),
+        parameters: estimates.parameters,
+        derived: estimates.derived,
+        bases: Bases {
+            s_base_mva: site.s_base_mva,
+            v_base_kv: site.v_base_kv,
+            nominal_hz: site.nominal_hz,
+        },
+        operating_point,
+        fitted_events: ids(fitted),
+        held_out_events: ids(held),
+        fit,
+        held_out,
+        verdict,
+        rank: estimates.rank,
+        condition: estimates.condition,
+        software_version: env!("CARGO_PKG_VERSION").to_owned(),
+    }
+}
+
+/// The model of a stored set, from its coordinates.
+fn model_of(set: &ParameterSet) -> Result<FittedModel, IdentificationError> {
+    let coordinate = |name: &str| {
+        let wanted = format!("coordinate_{name}");
+        set.derived
+            .iter()
+            .find(|d| d.name == wanted)
+            .map(|d| d.value)
+            .filter(|v| v.is_finite())
+            .ok_or(IdentificationError::IncompleteSet { name: wanted })
+    };
+    let structure = Structure::parse(&set.structure)?;
+    Ok(FittedModel {
+        motor: MotorCoordinates {
+            alpha_per_s: coordinate("ln_alpha")?.exp(),
+            nu_per_s2: coordinate("ln_nu")?.exp(),
+            kappa: coordinate("kappa")?,
+        },
+        linear: LinearCoefficients {
+            motor_share: coordinate("Kpm")?,
+            active_quadratic: coordinate("c_z")?,
+            active_linear: coordinate("c_i")?,
+            reactive_quadratic: coordinate("d_z")?,
+            reactive_linear: coordinate("d_i")?,
+        },
+        frequency_scaled_power: structure.contains("frequency_scaled_power"),
+    })
 }

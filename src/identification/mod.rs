@@ -3,16 +3,26 @@
 
 pub mod comparison;
 pub mod decision;
+pub mod edge_timing;
 pub mod errors;
+pub mod estimates;
+pub mod evaluate;
+pub mod fit;
+pub mod hold_out;
 pub mod identify;
+pub mod intake;
+pub mod joint_problem;
 pub mod parameter_set;
 pub mod solution;
+pub mod validate;
 pub mod verdict;
 
-pub use comparison::{Comparison, summarise};
+pub use comparison::Comparison;
 pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
-pub use identify::{Identification, IdentificationError, IdentificationOptions, compare, identify};
+pub use identify::{
+    Identification, IdentificationError, IdentificationOptions, Split, compare, errors_on, identify,
+};
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};
 pub use verdict::{ChannelVerdict, Decision, Verdict, VerdictStatus};

@@ -1,1 +1,18 @@
-//! load_model.
+//! The load as equations: what is at its terminal, what its parts draw, and how the parts are
+//! composed. Where a voltage comes from is not known here.
+//!
+//! Conventions: per unit; consumption positive. Inside this module everything is normalised by the
+//! event's own pre-disturbance operating point: voltage by V0, power by P0, and the motor's
+//! quantities by the motor's own initial power Kpm P0. In that base the motor's dynamics and its
+//! feasibility do not depend on how much load is connected, and several events of one site share
+//! one set of parameters.
+
+pub mod induction_motor;
+pub mod structure;
+pub mod terminal;
+pub mod zip_im;
+
+pub use induction_motor::{Infeasible, MotorCoordinates, MotorOutput};
+pub use structure::Structure;
+pub use terminal::TerminalInput;
+pub use zip_im::{LinearCoefficients, LoadBase, ZipImParameters};

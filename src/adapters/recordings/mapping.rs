@@ -58,6 +58,9 @@ impl RecordingMapping {
     /// # Errors
     /// A channel is absent or ambiguous in its scaling, or the waveform is not usable.
     pub fn records(&self, recording: &Recording, site: &Site) -> Result<Vec<Record>, Error> {
+        if recording.start_ns.is_none() {
+            return Err(Error::NoDate);
+        }
         let waveforms = self.waveforms(recording, site.nominal_hz)?;
         Ok(phasor::records(&waveforms, site, &self.phasors)?)
     }
@@ -71,10 +74,11 @@ impl RecordingMapping {
         phasor::join(&records).ok_or(Error::NoCurrents)
     }
 
-    /// The mapped channels in volts and amperes, primary, consumption positive.
+    /// The mapped channels in volts and amperes, primary, consumption positive; time zero is 1970
+    /// for a recording without a date.
     ///
     /// # Errors
-    /// A channel is absent or ambiguous in its scaling, or the recording has no date.
+    /// A channel is absent or ambiguous in its scaling.
     pub fn waveforms(&self, recording: &Recording, nominal_hz: f64) -> Result<Waveforms, Error> {
         let shift = |channel: &AnalogChannel, values: Vec<f64>| {
             if self.apply_skew {
@@ -107,7 +111,7 @@ impl RecordingMapping {
             }
         }
         Ok(Waveforms {
-            start_ns: recording.start_ns.ok_or(Error::NoDate)?,
+            start_ns: recording.start_ns.unwrap_or(0),
             nominal_hz,
             time_s: recording.time_s.clone(),
             voltage_v,

@@ -5,5 +5,6 @@
 //! writes the CSV folders of offline work.
 
 pub mod comtrade;
+pub mod grouping;
 pub mod mapping;
 pub mod site_folder;

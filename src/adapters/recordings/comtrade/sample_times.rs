@@ -129,19 +129,24 @@ fn by_rates(rates: &[Rate], times: &[RawTime], unit_s: f64, notes: &mut Vec<Note
     } else {
         None
     };
+    let times_unit = if stamps.is_some() {
+        stamp_step(times) * unit_s
+    } else {
+        0.0
+    };
     let mut now_s = 0.0;
     let mut time_s = vec![0.0; times.len()];
     for index in 1..times.len() {
         let declared = intervals[index - 1];
         let at_boundary = index > 1 && intervals[index - 2].to_bits() != declared.to_bits()
-            || rates.iter().any(|rate| rate.last == index);
+            || rates.binary_search_by_key(&index, |rate| rate.last).is_ok();
         let measured = match (&stamps, &numbers) {
             (Some(stamps), _) => stamps[index] - stamps[index - 1],
             (None, Some(numbers)) => (numbers[index] - numbers[index - 1]) * declared,
             (None, None) => declared,
         };
         let differs = (measured - declared).abs() > BOUNDARY_TOLERANCE * declared;
-        let gap = measured > GAP_FACTOR * declared;
+        let gap = measured > GAP_FACTOR * declared + resolution_s(times_unit, declared);
         if gap {
             notes.push(Note::Gap {
                 sample: index,
@@ -193,6 +198,28 @@ fn believed_stamps(
     }
     notes.push(Note::StampsDisagree { ratio });
     None
+}
+
+/// Largest power of ten that divides every stamp: recorders write milliseconds as microseconds.
+fn stamp_step(times: &[RawTime]) -> f64 {
+    const STEP_MAX: f64 = 1e7;
+    let divides = |step: f64| {
+        let mut stamps = times.iter().filter_map(|time| time.stamp);
+        stamps.all(|stamp| (stamp / step).fract().abs() < f64::EPSILON)
+    };
+    let mut step = 1.0;
+    while step < STEP_MAX && divides(10.0 * step) {
+        step *= 10.0;
+    }
+    step
+}
+
+/// By how much stamps in steps of `step_s` may differ from an interval without a gap: nothing when
+/// the interval is a whole number of steps, else one step.
+fn resolution_s(step_s: f64, interval_s: f64) -> f64 {
+    let steps = interval_s / step_s;
+    let whole = step_s <= 0.0 || (steps - steps.round()).abs() < 1e-6 * steps;
+    if whole { 0.0 } else { step_s }
 }
 
 /// The sample numbers, if they increase from row to row.

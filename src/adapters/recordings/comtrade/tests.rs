@@ -139,6 +139,19 @@ fn jump_of_believable_stamps_is_a_gap_and_unbelievable_stamps_are_not_used() {
 }
 
 #[test]
+fn stamps_rounded_to_milliseconds_are_no_gaps() {
+    use std::fmt::Write as _;
+    let text = configuration(",1999", "ASCII", "1\n960,100", "1\n");
+    let mut data = String::new();
+    for n in 0..100 {
+        writeln!(data, "{},{}000,1,1,0", n + 1, n * 1000 / 960).unwrap();
+    }
+    let recording = decode_text(&text, data.as_bytes()).unwrap();
+    assert_eq!(recording.notes, []);
+    assert!((recording.time_s[99] - 99.0 / 960.0).abs() < EXACT);
+}
+
+#[test]
 fn interval_across_a_change_of_rate_follows_the_stamps() {
     let text = configuration(",1999", "ASCII", "2\n1000,3\n100,5", "1\n");
     let data = "1,0,1,1,0\n2,1000,1,1,0\n3,2000,1,1,0\n4,3000,1,1,0\n5,13000,1,1,0\n";

@@ -1,6 +1,5 @@
 //! Where the disturbance of a recording begins.
 
-use super::read::FolderEvent;
 use crate::{
     disturbance::{Closing, Trigger, Window},
     measurement::{Record, Sample, Site},
@@ -24,15 +23,15 @@ const SLOW_BAND_SHARE: f64 = 0.5;
 /// band away from the centre.
 const DEPARTURE_SHARE: f64 = 0.5;
 
-/// The whole event as one window: trigger `Recording`, onset by [`onset`], or the sample furthest
+/// The whole record as one window: trigger `Recording`, onset by [`onset`], or the sample furthest
 /// from the median where nothing departs.
 #[must_use]
-pub fn window(site: &Site, event: &FolderEvent) -> Window {
-    let onset = onset(&event.record).unwrap_or_else(|| furthest(&event.record));
+pub fn window(site: &Site, record: &Record) -> Window {
+    let onset = onset(record).unwrap_or_else(|| furthest(record));
     Window {
-        id: format!("{}-{}", site.name, event.record.time_ns(onset)),
+        id: format!("{}-{}", site.name, record.time_ns(onset)),
         site: site.name.clone(),
-        record: event.record.clone(),
+        record: record.clone(),
         onset,
         triggers: vec![Trigger::Recording],
         closing: Closing::RecordingEnded,

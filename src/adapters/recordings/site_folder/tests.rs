@@ -170,20 +170,15 @@ fn slow_departure_is_found_before_it_crosses_the_whole_band() {
 }
 
 #[test]
-fn window_of_an_event_is_the_whole_record() {
+fn window_of_a_recording_is_the_whole_record() {
     let site = Site {
         name: "s".to_owned(),
         s_base_mva: 1.0,
         v_base_kv: 1.0,
         nominal_hz: 60.0,
     };
-    let event = FolderEvent {
-        name: "event_01".to_owned(),
-        utc_ns: None,
-        record: record(|k| (if k < 120 { 1.0 } else { 0.9 }, 60.0)),
-        intake: Intake::default(),
-    };
-    let window = window(&site, &event);
+    let record = record(|k| (if k < 120 { 1.0 } else { 0.9 }, 60.0));
+    let window = window(&site, &record);
     assert_eq!((window.onset, window.record.samples.len()), (120, 600));
     assert_eq!(window.id, "s-2000000000");
 }

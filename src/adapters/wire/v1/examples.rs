@@ -218,3 +218,65 @@ pub(in crate::adapters) fn comparison() -> Comparison {
         errors: errors("a").events.remove(0),
     }
 }
+
+mod documents {
+    use std::{env, fs, path::Path};
+
+    use super::{batch, comparison, identification, parameter_set, screening, window};
+    use crate::{
+        adapters::wire::v1::{
+            ComparisonsV1, EventSummaryV1, IdentificationV1, ParameterSetV1, RecordingFiles,
+            encode_batch_cbor, encode_batch_json, encode_recording,
+        },
+        identification::ParameterSet,
+    };
+
+    /// What `docs/schema/examples` shows, by file name.
+    fn documents() -> Vec<(&'static str, Vec<u8>)> {
+        fn pretty(document: &impl serde::Serialize) -> Vec<u8> {
+            let mut text = serde_json::to_vec_pretty(document).unwrap();
+            text.push(b'\n');
+            text
+        }
+        let set = ParameterSet {
+            version: 3,
+            ..parameter_set()
+        };
+        let recording = RecordingFiles::CfgDat {
+            name: "fault 12".to_owned(),
+            cfg: b"station,recorder,1999\r\n".to_vec(),
+            dat: vec![1, 0, 0, 0],
+        };
+        let window = window("site-01-1770873060500000000");
+        let event = EventSummaryV1::new(&window, Some(&screening()));
+        let comparisons = ComparisonsV1::new(&set, &[comparison()]).unwrap();
+        vec![
+            ("batch.json", encode_batch_json(&batch(), 60.0).unwrap()),
+            ("batch.cbor", encode_batch_cbor(&batch(), 60.0).unwrap()),
+            ("recording.cbor", encode_recording(&recording).unwrap()),
+            (
+                "parameter-set.json",
+                pretty(&ParameterSetV1::new(&set).unwrap()),
+            ),
+            ("event.json", pretty(&event)),
+            (
+                "identification.json",
+                pretty(&IdentificationV1::new(&identification()).unwrap()),
+            ),
+            ("comparison.json", pretty(&comparisons)),
+        ]
+    }
+
+    #[test]
+    fn the_documented_examples_are_what_is_written() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/schema/examples");
+        for (name, bytes) in documents() {
+            let path = folder.join(name);
+            if env::var_os("UPDATE_DOCS").is_some() {
+                fs::write(&path, &bytes).unwrap();
+            }
+            let documented = fs::read(&path).unwrap();
+            assert!(documented == bytes, "{name} differs: UPDATE_DOCS=1");
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! How far each sample of P and Q can be trusted.
+
+use super::series::{Series, noise_sigma};
+
+/// Noise and weights of one channel, relative to P0.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ChannelWeights {
+    /// Noise before the event.
+    pub(super) noise: f64,
+    /// Standard deviation assumed at each sample in the fit.
+    pub(super) deviation: Vec<f64>,
+}
+
+/// What the model cannot be expected to follow at any sample: discretisation of the input.
+/// Chosen; insensitive between 0.0003 and 0.0008.
+const DISCRETISATION: f64 = 0.0005;
+/// Least noise quoted: the resolution below which a figure says nothing about the load.
+pub(super) const NOISE_LEAST: f64 = 1e-4;
+/// Samples each side over which the motion of the voltage is taken.
+const REACH: usize = 2;
+
+/// Weights from the noise before the event plus a term that grows with the local motion of the
+/// complex voltage: a phasor filter smears edges, and V and P through the filter do not match
+/// sample by sample. `edge_share` is the error per unit of local motion.
+pub(super) fn channel(
+    values: &[f64],
+    phasor: &[[f64; 2]],
+    pre_event: usize,
+    voltage_noise: f64,
+    edge_share: f64,
+) -> ChannelWeights {
+    let quiet = if pre_event >= 20 {
+        &values[..pre_event]
+    } else {
+        values
+    };
+    let noise = noise_sigma(quiet)
+        .max(deviation_from_line(&values[..pre_event]))
+        .max(NOISE_LEAST);
+    let n = phasor.len();
+    let deviation = (0..n)
+        .map(|k| {
+            let around = k.saturating_sub(REACH)..(k + REACH + 1).min(n);
+            let motion = around
+                .map(|i| (phasor[i][0] - phasor[k][0]).hypot(phasor[i][1] - phasor[k][1]))
+                .fold(0.0, f64::max);
+            let motion = (motion - 4.0 * voltage_noise - 0.004).max(0.0);
+            (noise.powi(2) + DISCRETISATION.powi(2) + (edge_share * motion).powi(2)).sqrt()
+        })
+        .collect();
+    ChannelWeights { noise, deviation }
+}
+
+/// Root mean square distance from the regression line: catches noise that is correlated from
+/// sample to sample, which differences do not see (phasors of overlapping windows).
+fn deviation_from_line(values: &[f64]) -> f64 {
+    let n = values.len();
+    if n < 4 {
+        return 0.0;
+    }
+    let centre = (n - 1) as f64 / 2.0;
+    let mean = values.iter().sum::<f64>() / n as f64;
+    let bottom: f64 = (0..n).map(|k| (k as f64 - centre).powi(2)).sum();
+    let slope = values
+        .iter()
+        .enumerate()
+        .map(|(k, y)| (k as f64 - centre) * (y - mean))
+        .sum::<f64>()
+        / bottom;
+    let sum: f64 = values
+        .iter()
+        .enumerate()
+        .map(|(k, y)| (y - mean - slope * (k as f64 - centre)).powi(2))
+        .sum();
+    (sum / (n - 2) as f64).sqrt()
+}
+
+/// Whether sample `k` may enter the fit.
+pub(super) fn used(series: &Series) -> Vec<bool> {
+    series.bad.iter().map(|bad| !bad).collect()
+}

@@ -1,0 +1,406 @@
+//! The objective of a joint fit: three nonlinear unknowns outside, the linear coefficients inside.
+//!
+//! For each event the weighted columns of the linear model (10) and the measurement form a small
+//! Gram matrix; the events' matrices are summed, the linear coefficients follow from a convex
+//! quadratic program under their bounds (variable projection), and the reduced gradient and
+//! Gauss-Newton curvature of the outer unknowns come from the same matrices.
+//!
+//! The composition of a load differs a little from event to event, and so does its measured
+//! operating point. Both are random effects with constant spread, marginalised exactly by
+//! Woodbury's identity on the Gram matrices: no extra simulation, and events whose composition
+//! deviates do not bend the shared parameters.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use nalgebra::{DMatrix, DVector, SMatrix};
+
+use super::intake::PreparedEvent;
+use crate::{
+    load_model::{LinearCoefficients, MotorCoordinates, MotorOutput},
+    numerics::{
+        Bounds, Dual, Expansion, Objective, Scalar,
+        quadratic_program::{LinearConstraints, QuadraticProgram},
+    },
+};
+
+/// Outer unknowns: ln alpha, ln nu, kappa.
+pub const OUTER: usize = 3;
+/// Linear coefficients.
+pub const LINEAR: usize = LinearCoefficients::COUNT;
+/// Columns of an event's Gram matrix: outer sensitivities, linear, two operating-point offsets, y.
+const COLUMNS: usize = OUTER + LINEAR + 2 + 1;
+const RANDOM: usize = LINEAR + 2;
+const Y: usize = COLUMNS - 1;
+
+type Gram = SMatrix<f64, COLUMNS, COLUMNS>;
+
+/// Names of the outer unknowns, in order.
+pub const OUTER_NAMES: [&str; OUTER] = ["ln_alpha", "ln_nu", "kappa"];
+
+/// Settings of the joint problem.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProblemOptions {
+    /// Bounds of the linear coefficients relative to P0, in the order of [`LinearCoefficients`].
+    /// Default: wide (`effects.md`: measured appliances go far outside the paper's box).
+    pub linear_lower: [f64; LINEAR],
+    /// Upper bounds.
+    pub linear_upper: [f64; LINEAR],
+    /// Standard deviation of the linear coefficients from event to event, relative to P0.
+    /// Default 0.025 for the motor share, 0.02 for the others; 0 = the same in every event.
+    pub composition_spread: [f64; LINEAR],
+    /// Standard deviation of a weak prior on the static coefficients around 0.2: it decides only
+    /// what the data leave open. Default 1.
+    pub static_prior_deviation: f64,
+    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`). Default no.
+    pub frequency_scaled_power: bool,
+}
+
+impl Default for ProblemOptions {
+    fn default() -> Self {
+        Self {
+            linear_lower: [0.02, -0.4, -0.8, -1.5, -2.0],
+            linear_upper: [0.95, 1.2, 1.4, 2.0, 2.5],
+            composition_spread: [0.025, 0.02, 0.02, 0.02, 0.02],
+            static_prior_deviation: 1.0,
+            frequency_scaled_power: false,
+        }
+    }
+}
+
+/// Search box of the outer unknowns: alpha 0.5 to 900 1/s, nu 0.5 to 40000 1/s^2, kappa 0.01 to
+/// 0.995. It contains the rows of the paper's Table 1 and every motor of `docs/validation.md`.
+#[must_use]
+pub fn outer_bounds() -> Bounds {
+    Bounds {
+        lower: DVector::from_vec(vec![0.5_f64.ln(), 0.5_f64.ln(), 0.01]),
+        upper: DVector::from_vec(vec![900.0_f64.ln(), 40_000.0_f64.ln(), 0.995]),
+    }
+}
+
+/// The joint problem of some events.
+pub struct JointProblem<'a> {
+    events: &'a [PreparedEvent],
+    options: ProblemOptions,
+    cancel: &'a (dyn Fn() -> bool + Sync),
+    simulations: AtomicU64,
+    sensitivity_simulations: AtomicU64,
+}
+
+impl std::fmt::Debug for JointProblem<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("JointProblem")
+            .field("events", &self.events.len())
+            .field("options", &self.options)
+            .finish_non_exhaustive()
+    }
+}
+
+/// A point of the joint problem with its linear coefficients and everything derived from them.
+#[derive(Clone, Debug)]
+pub struct JointPoint {
+    /// Half the weighted sum of squares, priors and random effects included.
+    pub objective: f64,
+    /// Linear coefficients at their constrained optimum.
+    pub linear: [f64; LINEAR],
+    /// Which linear coefficients lie on a bound.
+    pub linear_at_bound: [bool; LINEAR],
+    /// Gauss-Newton matrix of outer and linear unknowns together.
+    pub information: DMatrix<f64>,
+    /// Gradient with respect to the outer unknowns.
+    pub gradient: DVector<f64>,
+}
+
+impl<'a> JointProblem<'a> {
+    /// A problem over `events`; `cancel` makes every evaluation fail once it returns true.
+    #[must_use]
+    pub const fn new(
+        events: &'a [PreparedEvent],
+        options: ProblemOptions,
+        cancel: &'a (dyn Fn() -> bool + Sync),
+    ) -> Self {
+        Self {
+            events,
+            options,
+            cancel,
+            simulations: AtomicU64::new(0),
+            sensitivity_simulations: AtomicU64::new(0),
+        }
+    }
+
+    /// The settings.
+    #[must_use]
+    pub const fn options(&self) -> &ProblemOptions {
+        &self.options
+    }
+
+    /// Plain simulations and simulations with sensitivities so far, one event each.
+    pub fn simulations(&self) -> (u64, u64) {
+        (
+            self.simulations.load(Ordering::Relaxed),
+            self.sensitivity_simulations.load(Ordering::Relaxed),
+        )
+    }
+
+    /// Evaluates the problem with exact sensitivities.
+    pub fn point(&self, x: &DVector<f64>) -> Option<JointPoint> {
+        let motor = MotorCoordinates {
+            alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
+            nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
+            kappa: Dual::<OUTER>::variable(x[2], 2),
+        };
+        let mut out = MotorOutput::default();
+        let mut sum = Gram::zeros();
+        for event in self.events {
+            if (self.cancel)() {
+                return None;
+            }
+            self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
+            motor.simulate(&event.input, &mut out).ok()?;
+            let rest = reactive_at_rest(&motor);
+            sum += self.marginal(
+                event,
+                &gram(
+                    event,
+                    &out,
+                    rest,
+                    self.options.frequency_scaled_power,
+                    |d| d.derivatives,
+                ),
+            );
+        }
+        self.solve(&sum).filter(|p| p.objective.is_finite())
+    }
+
+    fn value_only(&self, x: &DVector<f64>) -> Option<f64> {
+        let motor = motor_coordinates(x);
+        let mut out = MotorOutput::default();
+        let mut sum = Gram::zeros();
+        for event in self.events {
+            if (self.cancel)() {
+                return None;
+            }
+            self.simulations.fetch_add(1, Ordering::Relaxed);
+            motor.simulate(&event.input, &mut out).ok()?;
+            let rest = reactive_at_rest(&motor);
+            sum += self.marginal(
+                event,
+                &gram(
+                    event,
+                    &out,
+                    rest,
+                    self.options.frequency_scaled_power,
+                    |_| [0.0; OUTER],
+                ),
+            );
+        }
+        let (h, g) = self.linear_system(&sum);
+        let beta = self.linear_optimum(&h, &g)?;
+        let value = self.objective(&sum, &h, &g, &beta);
+        value.is_finite().then_some(value)
+    }
+
+    /// Removes the random effects: `G_aa - G_af (I + G_ff)^-1 G_fa`, with the random columns scaled
+    /// by their standard deviations.
+    fn marginal(&self, event: &PreparedEvent, gram: &Gram) -> Gram {
+        let mut deviation = [0.0; RANDOM];
+        deviation[..LINEAR].copy_from_slice(&self.options.composition_spread);
+        deviation[LINEAR..].fill(event.operating_point_deviation);
+        let index = |f: usize| OUTER + f;
+        let mut inner = SMatrix::<f64, RANDOM, RANDOM>::identity();
+        let mut cross = SMatrix::<f64, RANDOM, COLUMNS>::zeros();
+        for i in 0..RANDOM {
+            for j in 0..RANDOM {
+                inner[(i, j)] += deviation[i] * gram[(index(i), index(j))] * deviation[j];
+            }
+            for c in 0..COLUMNS {
+                cross[(i, c)] = deviation[i] * gram[(index(i), c)];
+            }
+        }
+        // Identity plus a Gram matrix is positive definite.
+        match inner.cholesky() {
+            Some(factor) => gram - cross.transpose() * factor.solve(&cross),
+            None => Gram::repeat(f64::NAN),
+        }
+    }
+
+    fn prior(&self) -> ([f64; LINEAR], [f64; LINEAR]) {
+        let precision = 1.0 / self.options.static_prior_deviation.powi(2);
+        let mut weights = [precision; LINEAR];
+        weights[0] = 0.0; // the motor share has bounds and no prior
+        let middles = [0.0, 0.2, 0.2, 0.2, 0.0];
+        (weights, middles)
+    }
+
+    fn linear_system(&self, sum: &Gram) -> (DMatrix<f64>, DVector<f64>) {
+        let (weights, middles) = self.prior();
+        let h = DMatrix::from_fn(LINEAR, LINEAR, |i, j| {
+            sum[(OUTER + i, OUTER + j)] + if i == j { weights[i] } else { 0.0 }
+        });
+        let g = DVector::from_fn(LINEAR, |i, _| {
+            -sum[(OUTER + i, Y)] - weights[i] * middles[i]
+        });
+        (h, g)
+    }
+
+    fn linear_optimum(&self, h: &DMatrix<f64>, g: &DVector<f64>) -> Option<[f64; LINEAR]> {
+        let program = QuadraticProgram {
+            hessian: h.clone(),
+            gradient: g.clone(),
+            bounds: Bounds {
+                lower: DVector::from_column_slice(&self.options.linear_lower),
+                upper: DVector::from_column_slice(&self.options.linear_upper),
+            },
+            equalities: LinearConstraints::none(LINEAR),
+            inequalities: LinearConstraints::none(LINEAR),
+        };
+        // Fails only where the simulation was not finite.
+        let x = program.minimise().ok()?.x;
+        let mut beta = [0.0; LINEAR];
+        beta.copy_from_slice(x.as_slice());
+        Some(beta)
+    }
+
+    fn objective(&self, sum: &Gram, h: &DMatrix<f64>, g: &DVector<f64>, beta: &[f64]) -> f64 {
+        let x = DVector::from_column_slice(beta);
+        let (weights, middles) = self.prior();
+        let prior: f64 = weights.iter().zip(middles).map(|(w, m)| w * m * m).sum();
+        0.5 * (sum[(Y, Y)] + prior) + 0.5 * (&x.transpose() * h * &x)[0] + g.dot(&x)
+    }
+
+    fn solve(&self, sum: &Gram) -> Option<JointPoint> {
+        let (h, g) = self.linear_system(sum);
+        let beta = self.linear_optimum(&h, &g)?;
+        let share = beta[0];
+        let size = OUTER + LINEAR;
+        let scale = |i: usize| if i < OUTER { share } else { 1.0 };
+        let mut information =
+            DMatrix::from_fn(size, size, |i, j| scale(i) * sum[(i, j)] * scale(j));
+        let (weights, _) = self.prior();
+        for (i, w) in weights.iter().enumerate() {
+            information[(OUTER + i, OUTER + i)] += w;
+        }
+        let gradient = DVector::from_fn(OUTER, |i, _| {
+            let explained: f64 = (0..LINEAR).map(|j| sum[(i, OUTER + j)] * beta[j]).sum();
+            -share * (sum[(i, Y)] - explained)
+        });
+        let at_bound = std::array::from_fn(|i| {
+            let (low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
+            let close = 1e-9 * (high - low);
+            beta[i] - low <= close || high - beta[i] <= close
+        });
+        Some(JointPoint {
+            objective: self.objective(sum, &h, &g, &beta),
+            linear: beta,
+            linear_at_bound: at_bound,
+            information,
+            gradient,
+        })
+    }
+}
+
+impl JointPoint {
+    /// Curvature of the outer unknowns once the free linear coefficients follow: Schur complement.
+    #[must_use]
+    pub fn reduced_curvature(&self) -> DMatrix<f64> {
+        let free: Vec<usize> = (0..LINEAR)
+            .filter(|&i| !self.linear_at_bound[i])
+            .map(|i| OUTER + i)
+            .collect();
+        let outer = self.information.view((0, 0), (OUTER, OUTER)).into_owned();
+        if free.is_empty() {
+            return outer;
+        }
+        let inner = DMatrix::from_fn(free.len(), free.len(), |i, j| {
+            self.information[(free[i], free[j])]
+        });
+        let cross = DMatrix::from_fn(free.len(), OUTER, |i, j| self.information[(free[i], j)]);
+        match inner.cholesky() {
+            Some(factor) => &outer - cross.transpose() * factor.solve(&cross),
+            None => outer,
+        }
+    }
+}
+
+impl Objective for JointProblem<'_> {
+    fn dimension(&self) -> usize {
+        OUTER
+    }
+
+    fn value(&self, x: &DVector<f64>) -> Option<f64> {
+        self.value_only(x)
+    }
+
+    fn expansion(&self, x: &DVector<f64>) -> Option<Expansion> {
+        let point = self.point(x)?;
+        let curvature = point.reduced_curvature();
+        Some(Expansion {
+            value: point.objective,
+            gradient: point.gradient,
+            curvature,
+        })
+    }
+}
+
+/// The motor of a point of the search.
+#[must_use]
+pub fn motor_coordinates(x: &DVector<f64>) -> MotorCoordinates<f64> {
+    MotorCoordinates {
+        alpha_per_s: x[0].exp(),
+        nu_per_s2: x[1].exp(),
+        kappa: x[2],
+    }
+}
+
+/// Reactive power at rest on the motor's own power, without the part in 1/x: `G (1 - a0)`.
+pub(super) fn reactive_at_rest<S: Scalar>(motor: &MotorCoordinates<S>) -> S {
+    let root = (S::constant(1.0) - motor.kappa * motor.kappa).sqrt();
+    (S::constant(1.0) - root) / motor.kappa
+}
+
+/// Columns of the linear model (10) at sample `k`, P row then Q row.
+pub(super) fn linear_rows(voltage: f64, active: f64, reactive_change: f64) -> [[f64; LINEAR]; 2] {
+    let (square, line) = (voltage * voltage - 1.0, voltage - 1.0);
+    [
+        [active - 1.0, square, line, 0.0, 0.0],
+        [reactive_change, 0.0, 0.0, square, line],
+    ]
+}
+
+fn gram<S: Scalar>(
+    event: &PreparedEvent,
+    out: &MotorOutput<S>,
+    rest: S,
+    frequency_scaled: bool,
+    derivatives: impl Fn(S) -> [f64; OUTER],
+) -> Gram {
+    let mut sum = Gram::zeros();
+    let q0 = event.q0_pu / event.p0_pu;
+    for k in (0..event.len()).filter(|&k| event.used[k]) {
+        let reactive = out.reactive[k] - rest;
+        let active = if frequency_scaled {
+            out.active[k] * (1.0 + event.frequency_deviation[k])
+        } else {
+            out.active[k]
+        };
+        let rows = linear_rows(event.voltage[k], active.value(), reactive.value());
+        let measured = [event.active[k] - 1.0, event.reactive[k] - q0];
+        let deviation = [event.active_deviation[k], event.reactive_deviation[k]];
+        let sensitivity = [derivatives(active), derivatives(reactive)];
+        for channel in 0..2 {
+            let mut row = [0.0; COLUMNS];
+            row[..OUTER].copy_from_slice(&sensitivity[channel]);
+            row[OUTER..OUTER + LINEAR].copy_from_slice(&rows[channel]);
+            row[OUTER + LINEAR + channel] = 1.0;
+            row[Y] = measured[channel];
+            let weight = 1.0 / (deviation[channel] * deviation[channel]);
+            for i in 0..COLUMNS {
+                let scaled = weight * row[i];
+                for j in i..COLUMNS {
+                    sum[(i, j)] += scaled * row[j];
+                }
+            }
+        }
+    }
+    sum.fill_lower_triangle_with_upper_triangle();
+    sum
+}

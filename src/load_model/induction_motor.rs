@@ -1,0 +1,313 @@
+//! Third-order induction motor, equations (9), (10), (12), (13) of the reference paper, in
+//! Cartesian flux form.
+//!
+//! With `x`, `x'` the reactances on the base of the motor's own initial power and voltage,
+//! `alpha = x / (x' T0')`, `G = 1/x' - 1/x`, `w = E'/V0 / (1 - x'/x)` and `s` the rotor speed against
+//! the frame of the terminal phasor `u`:
+//!
+//! ```text
+//! dw/dt = -alpha w + alpha u + j s w                        (9), first two lines
+//! ds/dt = -nu (Im(w conj u) - b0),   nu = G / m             (9), third line, T_m = 1
+//! p     = -G Im(w conj u)                                   (10)
+//! q     =  G (|u|^2 - Re(u conj w)) + |u|^2 / x             (10)
+//! b0    = -kappa / 2,  a0 = (1 + sqrt(1 - kappa^2)) / 2,  s0 = alpha b0 / a0      (12)
+//! kappa = 2 x x' / (x - x') = 2 / G <= 1                    (13)
+//! ```
+//!
+//! Bilinear, without the polar form's singularity at `E' = 0`. Only `alpha`, `nu` and `kappa`
+//! enter the dynamics; `1/x` appears only in `|u|^2 / x`, which a constant-impedance load absorbs
+//! exactly (`identification::estimates` reports that valley).
+//!
+//! Not in this file: stator resistance, saturation, a torque that depends on speed.
+
+use super::TerminalInput;
+use crate::numerics::Scalar;
+
+/// The three numbers that determine the motor's dynamics.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotorCoordinates<S> {
+    /// Inverse transient time constant `x / (x' T0')`, 1/s.
+    pub alpha_per_s: S,
+    /// Ratio `G / m` of synchronising strength to inertia, 1/s^2 (`m` in pu s^2/rad).
+    pub nu_per_s2: S,
+    /// Loading `2 x x' / (x - x')` against the pull-out torque, 0 to 1.
+    pub kappa: S,
+}
+
+/// Why no steady state exists.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("no steady state: constraint {constraint} violated by {violation}")]
+pub struct Infeasible {
+    /// By how much the constraint is violated, `> 0`.
+    pub violation: f64,
+    /// Equation number in the reference paper.
+    pub constraint: &'static str,
+}
+
+/// What the motor draws at the measured instants, on its own initial power.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MotorOutput<S> {
+    /// Active power, 1 at rest.
+    pub active: Vec<S>,
+    /// Reactive power without the part `|u|^2 / x`, which is linear in `|u|^2`.
+    pub reactive: Vec<S>,
+}
+
+impl<S> Default for MotorOutput<S> {
+    fn default() -> Self {
+        Self {
+            active: Vec::new(),
+            reactive: Vec::new(),
+        }
+    }
+}
+
+/// Stability and accuracy of the Runge-Kutta steps: `rate * step <= this`. Chosen; 0.3 keeps the
+/// relative error of P and Q below 1e-6 on the rows of the paper's Table 1 (`docs/validation.md`).
+const RATE_TIMES_STEP_MAX: f64 = 0.3;
+/// Substeps per sample at most; the bounds of the search keep the need below it.
+const SUBSTEPS_MAX: usize = 64;
+
+impl<S: Scalar> MotorCoordinates<S> {
+    /// Flux and slip speed at rest: `[a0, b0, s0]` (12).
+    ///
+    /// # Errors
+    ///
+    /// [`Infeasible`] when the motor cannot carry its initial power (13).
+    pub fn steady_state(&self) -> Result<[S; 3], Infeasible> {
+        let violation = self.kappa.value() - 1.0;
+        // Written so that NaN is infeasible too.
+        if !(violation < 0.0 && self.kappa.value() > 0.0) {
+            return Err(Infeasible {
+                violation,
+                constraint: "(13)",
+            });
+        }
+        let root = (S::constant(1.0) - self.kappa * self.kappa).sqrt();
+        let a0 = (root + 1.0) * 0.5;
+        let b0 = self.kappa * -0.5;
+        Ok([a0, b0, self.alpha_per_s * b0 / a0])
+    }
+
+    /// Integrates (9) over the input by the classical Runge-Kutta method and evaluates (10) at the
+    /// measured instants. The number of substeps follows from the fastest rate of these
+    /// parameters. Cost: one pass over the input.
+    ///
+    /// # Errors
+    ///
+    /// [`Infeasible`] when there is no steady state to start from.
+    pub fn simulate(
+        &self,
+        input: &TerminalInput,
+        out: &mut MotorOutput<S>,
+    ) -> Result<(), Infeasible> {
+        let start = self.steady_state()?;
+        let strength = S::constant(2.0) / self.kappa;
+        let ordinary = self.substeps(input);
+        // The rotor stands still at most: a stalled motor does not turn backwards.
+        let slowest = -input.synchronous_speed_rad_s;
+        let mut state = start;
+        out.active.clear();
+        out.reactive.clear();
+        for sample in 0..input.sample_count() {
+            let origin = (sample * input.points_per_sample) as f64;
+            let u = input.at(origin);
+            let [active, reactive] = power(strength, state, u);
+            out.active.push(active);
+            out.reactive.push(reactive);
+            if sample + 1 == input.sample_count() {
+                break;
+            }
+            let substeps = if input.jumps[sample] {
+                ordinary.max(input.points_per_sample)
+            } else {
+                ordinary
+            };
+            let step_s = input.sample_interval_s / substeps as f64;
+            let stride = input.points_per_sample as f64 / substeps as f64;
+            let mut left = u;
+            for j in 0..substeps {
+                let from = origin + j as f64 * stride;
+                let (middle, right) = (input.at(from + 0.5 * stride), input.at(from + stride));
+                state = self.runge_kutta_step(state, start[1], [left, middle, right], step_s);
+                if state[2].value() < slowest {
+                    state[2] = S::constant(slowest);
+                }
+                left = right;
+            }
+        }
+        Ok(())
+    }
+
+    /// Substeps per sample: a power of two such that the fastest rate is resolved.
+    fn substeps(&self, input: &TerminalInput) -> usize {
+        let alpha = self.alpha_per_s.value();
+        let swing = self.nu_per_s2.value().max(0.0).sqrt();
+        let rate = alpha.hypot(swing);
+        let mut substeps = 1;
+        while substeps < SUBSTEPS_MAX
+            && rate * input.sample_interval_s / substeps as f64 > RATE_TIMES_STEP_MAX
+        {
+            substeps *= 2;
+        }
+        substeps
+    }
+
+    fn slopes(&self, [a, b, s]: [S; 3], b0: S, [re, im]: [f64; 2]) -> [S; 3] {
+        let torque = b * re - a * im; // Im(w conj u)
+        [
+            self.alpha_per_s * (-a + re) - s * b,
+            self.alpha_per_s * (-b + im) + s * a,
+            self.nu_per_s2 * (b0 - torque),
+        ]
+    }
+
+    fn runge_kutta_step(&self, x: [S; 3], b0: S, u: [[f64; 2]; 3], h: f64) -> [S; 3] {
+        let ahead = |k: [S; 3], by: f64| [x[0] + k[0] * by, x[1] + k[1] * by, x[2] + k[2] * by];
+        let k1 = self.slopes(x, b0, u[0]);
+        let k2 = self.slopes(ahead(k1, 0.5 * h), b0, u[1]);
+        let k3 = self.slopes(ahead(k2, 0.5 * h), b0, u[1]);
+        let k4 = self.slopes(ahead(k3, h), b0, u[2]);
+        let next = |i: usize| x[i] + (k1[i] + (k2[i] + k3[i]) * 2.0 + k4[i]) * (h / 6.0);
+        [next(0), next(1), next(2)]
+    }
+}
+
+/// Active and reactive power (10) on the motor's own initial power, without `|u|^2 / x`.
+fn power<S: Scalar>(strength: S, [a, b, _]: [S; 3], [re, im]: [f64; 2]) -> [S; 2] {
+    let active = strength * (a * im - b * re);
+    let reactive = strength * (-(a * re + b * im) + (re * re + im * im));
+    [active, reactive]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numerics::Dual;
+
+    const AN_ORDINARY_MOTOR: MotorCoordinates<f64> = MotorCoordinates {
+        alpha_per_s: 35.0,
+        nu_per_s2: 1300.0,
+        kappa: 0.36,
+    };
+
+    /// A dip to `depth` between 0.5 s and 0.6 s with a phase jump, 60 samples per second.
+    fn dip(depth: f64) -> TerminalInput {
+        let (points, samples) = (16, 180);
+        let phasor = |i: usize| {
+            let t = i as f64 / (points as f64 * 60.0);
+            let inside = (0.5..0.6).contains(&t);
+            let (v, angle) = if inside {
+                (depth, -0.2_f64)
+            } else {
+                (1.0, 0.0)
+            };
+            [v * angle.cos(), v * angle.sin()]
+        };
+        let grid: Vec<_> = (0..=(samples - 1) * points).map(phasor).collect();
+        TerminalInput {
+            real: grid.iter().map(|u| u[0]).collect(),
+            imaginary: grid.iter().map(|u| u[1]).collect(),
+            points_per_sample: points,
+            sample_interval_s: 1.0 / 60.0,
+            jumps: vec![true; samples - 1],
+            synchronous_speed_rad_s: 376.99,
+        }
+    }
+
+    #[test]
+    fn undisturbed_terminal_leaves_every_state_at_rest() {
+        let mut out = MotorOutput::default();
+        AN_ORDINARY_MOTOR.simulate(&dip(1.0), &mut out).unwrap();
+        // Only the 0.1 s with a phase jump moves it; before that it is at rest to rounding.
+        assert!(out.active[..30].iter().all(|p| (p - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn steady_state_agrees_with_the_polar_formulas_of_the_paper() {
+        // x = 3.1, x' = 0.2, by hand: sin(2 delta) = -2*3.1*0.2/2.9 = -0.427586,
+        // delta = -0.220896; E' = 2.9/3.1 cos(delta) = 0.912743 ; w = E' e^(j delta) * 3.1/2.9.
+        let kappa = 2.0 * 3.1 * 0.2 / 2.9;
+        let at = MotorCoordinates {
+            kappa,
+            ..AN_ORDINARY_MOTOR
+        };
+        let [a0, b0, s0] = at.steady_state().unwrap();
+        let delta = -0.5 * kappa.asin();
+        assert!((a0 - delta.cos() * delta.cos()).abs() < 1e-12);
+        assert!((b0 - delta.cos() * delta.sin()).abs() < 1e-12);
+        assert!((s0 - at.alpha_per_s * delta.tan()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_overloaded_motor_has_no_steady_state() {
+        let at = MotorCoordinates {
+            kappa: 1.2,
+            ..AN_ORDINARY_MOTOR
+        };
+        let error = at.steady_state().unwrap_err();
+        assert!((error.violation - 0.2).abs() < 1e-12);
+        assert!(
+            MotorCoordinates {
+                kappa: f64::NAN,
+                ..at
+            }
+            .steady_state()
+            .is_err()
+        );
+    }
+
+    #[test]
+    fn sensitivities_agree_with_differences() {
+        let input = dip(0.6);
+        let (alpha, nu, kappa) = (35.0_f64, 1300.0_f64, 0.36_f64);
+        let at = MotorCoordinates {
+            alpha_per_s: Dual::<3>::variable(alpha.ln(), 0).exp(),
+            nu_per_s2: Dual::<3>::variable(nu.ln(), 1).exp(),
+            kappa: Dual::<3>::variable(kappa, 2),
+        };
+        let mut exact = MotorOutput::default();
+        at.simulate(&input, &mut exact).unwrap();
+        let run = |d: [f64; 3]| {
+            let mut out = MotorOutput::default();
+            MotorCoordinates {
+                alpha_per_s: (alpha.ln() + d[0]).exp(),
+                nu_per_s2: (nu.ln() + d[1]).exp(),
+                kappa: kappa + d[2],
+            }
+            .simulate(&input, &mut out)
+            .unwrap();
+            out
+        };
+        for i in 0..3 {
+            let h = 1e-5;
+            let mut step = [0.0; 3];
+            step[i] = h;
+            let (plus, minus) = (run(step), run(step.map(|x| -x)));
+            for k in 0..exact.active.len() {
+                let p = (plus.active[k] - minus.active[k]) / (2.0 * h);
+                let q = (plus.reactive[k] - minus.reactive[k]) / (2.0 * h);
+                // h^2 times third derivatives of order 10.
+                assert!((exact.active[k].derivatives[i] - p).abs() < 1e-6);
+                assert!((exact.reactive[k].derivatives[i] - q).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn a_dip_that_stalls_the_rotor_stays_finite_and_stands_still() {
+        let heavy = MotorCoordinates {
+            alpha_per_s: 35.0,
+            nu_per_s2: 40_000.0,
+            kappa: 0.95,
+        };
+        let mut out = MotorOutput::default();
+        heavy.simulate(&dip(0.05), &mut out).unwrap();
+        assert!(
+            out.active
+                .iter()
+                .chain(&out.reactive)
+                .all(|x| x.is_finite())
+        );
+    }
+}

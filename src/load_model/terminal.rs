@@ -1,0 +1,50 @@
+//! What drives a load model: the complex terminal voltage, dense enough for an integrator.
+
+/// Complex terminal voltage on a fine uniform grid.
+///
+/// The phasor is normalised to 1 at rest and given in the frame that turns at the frequency before
+/// the disturbance, so its angle holds both phase jumps and the integral of the frequency
+/// deviation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TerminalInput {
+    /// Real part at each fine grid point, `(samples - 1) * points_per_sample + 1` of them.
+    pub real: Vec<f64>,
+    /// Imaginary part.
+    pub imaginary: Vec<f64>,
+    /// Fine grid points per measured sample, a power of two.
+    pub points_per_sample: usize,
+    /// Time between measured samples, seconds.
+    pub sample_interval_s: f64,
+    /// For each interval between samples, whether the phasor jumps within it: the integrator then
+    /// follows every fine grid point.
+    pub jumps: Vec<bool>,
+    /// Synchronous angular speed before the disturbance, rad/s.
+    pub synchronous_speed_rad_s: f64,
+}
+
+impl TerminalInput {
+    /// Number of measured samples.
+    #[must_use]
+    pub fn sample_count(&self) -> usize {
+        if self.real.is_empty() {
+            0
+        } else {
+            (self.real.len() - 1) / self.points_per_sample + 1
+        }
+    }
+
+    /// The phasor `position` fine grid points after the start, linear between grid points.
+    #[must_use]
+    pub(super) fn at(&self, position: f64) -> [f64; 2] {
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a position on the grid is between 0 and its length"
+        )]
+        let below = (position as usize).min(self.real.len() - 1);
+        let above = (below + 1).min(self.real.len() - 1);
+        let share = position - below as f64;
+        let between = |x: &[f64]| x[below] + share * (x[above] - x[below]);
+        [between(&self.real), between(&self.imaginary)]
+    }
+}

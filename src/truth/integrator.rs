@@ -1,0 +1,221 @@
+//! Dormand and Prince's explicit Runge-Kutta method of order 5 with an error estimate of order 4
+//! and adaptive steps.
+//!
+//! Source: J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae" (1980); step
+//! control as in Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", II.4 (4.13).
+
+use super::TruthError;
+
+/// Accuracy of the integration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct IntegratorOptions {
+    /// Error admitted per step, relative to a state and absolute; default 1e-10, above 0.
+    pub tolerance: f64,
+    /// Longest step, seconds; default 2e-3, above 0.
+    pub step_max_s: f64,
+}
+
+impl Default for IntegratorOptions {
+    fn default() -> Self {
+        Self {
+            tolerance: 1e-10,
+            step_max_s: 2e-3,
+        }
+    }
+}
+
+/// Steps below this length mean that the solution has broken down, seconds.
+const STEP_MIN_S: f64 = 1e-10;
+
+const NODES: [f64; 7] = [0.0, 1.0 / 5.0, 3.0 / 10.0, 4.0 / 5.0, 8.0 / 9.0, 1.0, 1.0];
+const STAGES: [&[f64]; 7] = [
+    &[],
+    &[1.0 / 5.0],
+    &[3.0 / 40.0, 9.0 / 40.0],
+    &[44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0],
+    &[
+        19_372.0 / 6_561.0,
+        -25_360.0 / 2_187.0,
+        64_448.0 / 6_561.0,
+        -212.0 / 729.0,
+    ],
+    &[
+        9_017.0 / 3_168.0,
+        -355.0 / 33.0,
+        46_732.0 / 5_247.0,
+        49.0 / 176.0,
+        -5_103.0 / 18_656.0,
+    ],
+    &[
+        35.0 / 384.0,
+        0.0,
+        500.0 / 1_113.0,
+        125.0 / 192.0,
+        -2_187.0 / 6_784.0,
+        11.0 / 84.0,
+    ],
+];
+/// Weights of order 5 minus weights of order 4.
+const ERROR: [f64; 7] = [
+    71.0 / 57_600.0,
+    0.0,
+    -71.0 / 16_695.0,
+    71.0 / 1_920.0,
+    -17_253.0 / 339_200.0,
+    22.0 / 525.0,
+    -1.0 / 40.0,
+];
+
+/// Integrates a state from one instant to the next and remembers a good step size.
+#[derive(Clone, Debug)]
+pub(super) struct Integrator {
+    options: IntegratorOptions,
+    step_s: f64,
+    stages: Vec<Vec<f64>>,
+    trial: Vec<f64>,
+}
+
+impl Integrator {
+    pub(super) fn new(options: IntegratorOptions, states: usize) -> Self {
+        Self {
+            options,
+            step_s: options.step_max_s,
+            stages: vec![vec![0.0; states]; STAGES.len()],
+            trial: vec![0.0; states],
+        }
+    }
+
+    /// Advances `state` from `from_s` to `to_s`.
+    ///
+    /// # Errors
+    ///
+    /// What `derivatives` reports at an accepted point, and [`TruthError::StepTooSmall`].
+    pub(super) fn advance(
+        &mut self,
+        (from_s, to_s): (f64, f64),
+        state: &mut [f64],
+        derivatives: &mut impl FnMut(f64, &[f64], &mut [f64]) -> Result<(), TruthError>,
+    ) -> Result<(), TruthError> {
+        let mut time_s = from_s;
+        while time_s < to_s {
+            let step = self.step_s.min(self.options.step_max_s);
+            let reaches_end = time_s + step >= to_s;
+            let step = if reaches_end { to_s - time_s } else { step };
+            let error = self.try_step(time_s, step, state, derivatives)?;
+            if error <= 1.0 {
+                state.copy_from_slice(&self.trial);
+                time_s = if reaches_end { to_s } else { time_s + step };
+            } else if step < STEP_MIN_S {
+                return Err(TruthError::StepTooSmall {
+                    time_s,
+                    step_s: STEP_MIN_S,
+                });
+            }
+            let next = step * step_factor(error);
+            // A short last step says nothing about the step that the solution admits.
+            if error > 1.0 || !reaches_end || next > self.step_s {
+                self.step_s = next;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills `trial` with the state after `step`; the error over the tolerance, infinite where the
+    /// derivatives could not be had.
+    fn try_step(
+        &mut self,
+        time_s: f64,
+        step: f64,
+        state: &[f64],
+        derivatives: &mut impl FnMut(f64, &[f64], &mut [f64]) -> Result<(), TruthError>,
+    ) -> Result<f64, TruthError> {
+        for stage in 0..STAGES.len() {
+            for (k, trial) in self.trial.iter_mut().enumerate() {
+                let weights = STAGES[stage].iter().zip(&self.stages);
+                let slope: f64 = weights.map(|(weight, stage)| weight * stage[k]).sum();
+                *trial = state[k] + step * slope;
+            }
+            let at = time_s + NODES[stage] * step;
+            let outcome = derivatives(at, &self.trial, &mut self.stages[stage]);
+            match outcome {
+                Err(error) if stage == 0 => return Err(error),
+                Err(_) => return Ok(f64::INFINITY),
+                Ok(()) => {}
+            }
+        }
+        let tolerance = self.options.tolerance;
+        let sum: f64 = (0..state.len())
+            .map(|k| {
+                let slopes = ERROR.iter().zip(&self.stages);
+                let error: f64 = slopes.map(|(weight, stage)| weight * stage[k]).sum();
+                let scale = tolerance * (1.0 + state[k].abs().max(self.trial[k].abs()));
+                (step * error / scale).powi(2)
+            })
+            .sum();
+        Ok((sum / state.len().max(1) as f64).sqrt())
+    }
+}
+
+fn step_factor(error: f64) -> f64 {
+    if error.is_finite() {
+        (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.2, 5.0)
+    } else {
+        0.2
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// x' = -x + sin t, x(0) = 1: x = 1.5 exp(-t) + (sin t - cos t)/2.
+    fn error_at_tolerance(tolerance: f64, step_max_s: f64) -> f64 {
+        let options = IntegratorOptions {
+            tolerance,
+            step_max_s,
+        };
+        let mut state = [1.0];
+        Integrator::new(options, 1)
+            .advance((0.0, 3.0), &mut state, &mut |t, x, dx| {
+                dx[0] = -x[0] + t.sin();
+                Ok(())
+            })
+            .unwrap();
+        let exact = 1.5 * (-3.0_f64).exp() + (3.0_f64.sin() - 3.0_f64.cos()) / 2.0;
+        (state[0] - exact).abs()
+    }
+
+    #[test]
+    fn the_solution_of_a_linear_equation_is_met_within_the_tolerance() {
+        let error = error_at_tolerance(1e-10, 1.0);
+        assert!(error < 1e-9, "{error:e}");
+    }
+
+    #[test]
+    fn halving_the_step_divides_the_error_by_thirty_two() {
+        let (coarse, fine) = (error_at_tolerance(1.0, 0.2), error_at_tolerance(1.0, 0.1));
+        let ratio = coarse / fine;
+        // Order 5: 2^5 = 32; the next order's term moves it by a few.
+        assert!(
+            (24.0..42.0).contains(&ratio),
+            "{coarse:e} / {fine:e} = {ratio}"
+        );
+    }
+
+    #[test]
+    fn a_solution_that_blows_up_is_an_error_with_its_time() {
+        let mut state = [1.0];
+        let outcome = Integrator::new(IntegratorOptions::default(), 1).advance(
+            (0.0, 2.0),
+            &mut state,
+            &mut |_, x, dx| {
+                dx[0] = x[0] * x[0];
+                Ok(())
+            },
+        );
+        let Err(TruthError::StepTooSmall { time_s, .. }) = outcome else {
+            panic!("{outcome:?}");
+        };
+        assert!((time_s - 1.0).abs() < 1e-3, "x = 1/(1 - t): {time_s}");
+    }
+}
