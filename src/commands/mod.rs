@@ -5,6 +5,7 @@
 //! error it returns. Exit codes: 0 done, 1 failed, 64 used wrongly (`sysexits.h`).
 
 pub mod check_config;
+pub mod compare;
 mod connection;
 pub mod demo;
 mod error;
@@ -51,6 +52,8 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Print parameter sets as they are published
     Subscribe(subscribe::SubscribeArgs),
+    /// Hold a model against the measurements of a site folder: table and report with plots
+    Compare(compare::CompareArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
     /// Make synthetic sites whose truth is known
@@ -74,6 +77,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Demo(args) => demo::run(&args, out),
         Command::Replay(args) => replay::run(&args, out),
         Command::Subscribe(args) => subscribe::run(&args, out),
+        Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),

@@ -112,7 +112,9 @@ impl Explorer<'_> {
         let best = (self.solutions.iter())
             .map(|s| s.local.value)
             .fold(f64::INFINITY, f64::min);
-        self.solutions[index].local.value <= self.options.explore_within * best
+        let within = self.options.explore_within;
+        within.is_infinite()
+            || self.solutions[index].local.value <= best + (within - 1.0) * best.abs()
     }
 
     /// Explores every direction of one solution. Returns a reason to end, if there is one.

@@ -192,11 +192,13 @@ pub(in crate::adapters) fn identification() -> Identification {
             ),
             direction(4, DirectionOutcome::LocalSolverInfeasible),
         ],
+        refused: Vec::new(),
         cost: Cost {
             simulations: 100,
             sensitivity_simulations: 50,
             seconds: 1.5,
         },
+        refused: vec![("event_09".to_owned(), "no power".to_owned())],
     }
 }
 

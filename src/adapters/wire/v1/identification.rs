@@ -24,6 +24,17 @@ pub struct IdentificationV1 {
     pub directions: Vec<DirectionV1>,
     /// What it cost.
     pub cost: CostV1,
+    /// Events that could not be used.
+    pub refused: Vec<RefusedV1>,
+}
+
+/// An event that could not be used.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct RefusedV1 {
+    /// Event.
+    pub event: String,
+    /// Why.
+    pub reason: String,
 }
 
 /// Counterpart of [`Solution`].
@@ -103,6 +114,14 @@ impl IdentificationV1 {
                 .map(DirectionV1::from)
                 .collect(),
             cost: identification.cost.into(),
+            refused: identification
+                .refused
+                .iter()
+                .map(|(event, reason)| RefusedV1 {
+                    event: event.clone(),
+                    reason: reason.clone(),
+                })
+                .collect(),
         })
     }
 
