@@ -1,12 +1,177 @@
-//! The command line.
+//! The command line: one file per command, and this table.
+//!
+//! A command is a line in [`Command`], an arm in [`dispatch`], and a module with its arguments
+//! (`clap::Args`) and `run(&args, out)`, which writes its result to `out` and its troubles to the
+//! error it returns. Exit codes: 0 done, 1 failed, 64 used wrongly (`sysexits.h`).
 
+mod connection;
+pub mod demo;
+mod error;
 pub mod generate;
 pub mod inspect;
+pub mod replay;
+pub mod run;
+pub mod subscribe;
 
-use std::process::ExitCode;
+use std::{
+    io::{self, Write},
+    process::ExitCode,
+};
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+use tokio::runtime::{self, Runtime};
+
+pub use error::Error;
+
+/// Turns PMU and disturbance-recorder streams into proven load models.
+#[derive(Debug, Parser)]
+#[command(name = "loadmodeld", version, about, long_about = None, after_help = AFTER_HELP)]
+struct CommandLine {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER_HELP: &str = "Exit codes: 0 done, 1 failed, 64 used wrongly.";
+
+/// Used wrongly: `EX_USAGE` of `sysexits.h`.
+const EXIT_USAGE: u8 = 64;
+/// Failed.
+const EXIT_FAILURE: u8 = 1;
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the daemon
+    Run(run::RunArgs),
+    /// Show all of it on this machine: daemon, bundled recordings replayed live, page
+    Demo(demo::DemoArgs),
+    /// Publish recordings over zenoh with their original timing or faster
+    Replay(replay::ReplayArgs),
+    /// Print parameter sets as they are published
+    Subscribe(subscribe::SubscribeArgs),
+    /// Say what is in a COMTRADE file or site folder
+    Inspect(inspect::InspectArgs),
+    /// Make synthetic sites whose truth is known
+    Generate(generate::GenerateArgs),
+    /// Print a completion script for a shell
+    Completions(CompletionsArgs),
+    /// Print the manual page
+    Man,
+}
+
+fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
+    match command {
+        Command::Run(args) => run::run(&args),
+        Command::Demo(args) => demo::run(&args, out),
+        Command::Replay(args) => replay::run(&args, out),
+        Command::Subscribe(args) => subscribe::run(&args, out),
+        Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
+        Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
+        Command::Completions(args) => completions(&args, out),
+        Command::Man => manual(out),
+    }
+}
+
+/// Arguments of `completions`.
+#[derive(Debug, Args)]
+struct CompletionsArgs {
+    /// Shell
+    shell: clap_complete::Shell,
+}
 
 /// Parses the command line and runs the command.
 #[must_use]
 pub fn main() -> ExitCode {
-    ExitCode::SUCCESS
+    let command_line = match CommandLine::try_parse() {
+        Ok(command_line) => command_line,
+        Err(error) => {
+            // Nothing can be done about a terminal that does not take the message.
+            let _: Result<(), _> = error.print();
+            return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
+        }
+    };
+    let outcome = dispatch(command_line.command, &mut io::stdout().lock());
+    let Err(error) = outcome else {
+        return ExitCode::SUCCESS;
+    };
+    if error.is_broken_pipe() {
+        return ExitCode::SUCCESS;
+    }
+    // As above.
+    let _: Result<(), _> = writeln!(io::stderr(), "loadmodeld: {error}");
+    ExitCode::from(if error.is_usage() {
+        EXIT_USAGE
+    } else {
+        EXIT_FAILURE
+    })
+}
+
+/// A runtime for commands that talk to others; computing has threads of its own.
+fn runtime() -> Result<Runtime, Error> {
+    Ok(runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()?)
+}
+
+fn completions(args: &CompletionsArgs, out: &mut dyn Write) -> Result<(), Error> {
+    let mut script = Vec::new();
+    clap_complete::generate(
+        args.shell,
+        &mut CommandLine::command(),
+        "loadmodeld",
+        &mut script,
+    );
+    Ok(out.write_all(&script)?)
+}
+
+fn manual(out: &mut dyn Write) -> Result<(), Error> {
+    let page = clap_mangen::Man::new(CommandLine::command());
+    let mut text = Vec::new();
+    page.render(&mut text)?;
+    let mut command = CommandLine::command();
+    command.build();
+    for subcommand in command.get_subcommands().filter(|c| !c.is_hide_set()) {
+        let page = clap_mangen::Man::new(subcommand.clone());
+        writeln!(text, ".SH {}", subcommand.get_name().to_uppercase())?;
+        page.render_synopsis_section(&mut text)?;
+        page.render_description_section(&mut text)?;
+        page.render_options_section(&mut text)?;
+    }
+    Ok(out.write_all(&text)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        CommandLine::command().debug_assert();
+    }
+
+    #[test]
+    fn the_manual_page_names_every_command() {
+        let mut page = Vec::new();
+        manual(&mut page).unwrap();
+        let page = String::from_utf8(page).unwrap();
+        for name in ["RUN", "DEMO", "REPLAY", "SUBSCRIBE"] {
+            assert!(page.contains(&format!(".SH {name}")), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_completion_script_knows_the_commands() {
+        let mut script = Vec::new();
+        let args = CompletionsArgs {
+            shell: clap_complete::Shell::Bash,
+        };
+        completions(&args, &mut script).unwrap();
+        assert!(String::from_utf8(script).unwrap().contains("subscribe"));
+    }
+
+    #[test]
+    fn an_unknown_option_is_wrong_usage() {
+        let error = CommandLine::try_parse_from(["loadmodeld", "run", "--no-such"]).unwrap_err();
+        assert!(error.use_stderr());
+    }
 }

@@ -40,18 +40,7 @@ pub struct Options {
 /// The file or its companion cannot be read, is too large or malformed: see [`Error`].
 pub fn read(path: &Path, options: &Options) -> Result<Recording, Error> {
     match extension(path).as_str() {
-        "cff" => {
-            let bytes = read_file(path)?;
-            let sections = container::split(&bytes)?;
-            let recording = decode(sections.configuration, sections.data, options)?;
-            match sections.data_format {
-                Some(format) if format != recording.format => Err(Error::FormatsDisagree {
-                    header: format.name(),
-                    configuration: recording.format.name(),
-                }),
-                _ => Ok(recording),
-            }
-        }
+        "cff" => decode_container(&read_file(path)?, options),
         "cfg" => {
             let data = companion(path, "dat", Part::Data)?;
             decode(&read_file(path)?, &read_file(&data)?, options)
@@ -63,6 +52,22 @@ pub fn read(path: &Path, options: &Options) -> Result<Recording, Error> {
         _ => Err(Error::UnknownExtension {
             path: path.to_owned(),
         }),
+    }
+}
+
+/// Decodes a `.cff` container.
+///
+/// # Errors
+/// The bytes are malformed, or its header contradicts its configuration: see [`Error`].
+pub fn decode_container(bytes: &[u8], options: &Options) -> Result<Recording, Error> {
+    let sections = container::split(bytes)?;
+    let recording = decode(sections.configuration, sections.data, options)?;
+    match sections.data_format {
+        Some(format) if format != recording.format => Err(Error::FormatsDisagree {
+            header: format.name(),
+            configuration: recording.format.name(),
+        }),
+        _ => Ok(recording),
     }
 }
 

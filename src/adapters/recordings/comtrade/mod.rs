@@ -23,7 +23,7 @@ mod text;
 mod timestamp;
 
 pub use error::{Error, Part};
-pub use files::{FILE_BYTES_MAX, Options, decode, read};
+pub use files::{FILE_BYTES_MAX, Options, decode, decode_container, read};
 pub use recording::{
     AnalogChannel, DataFormat, DigitalChannel, LeapSecond, Note, Recording, Revision, Scaling,
     Segment, TimeCode,

@@ -70,7 +70,7 @@ pub(super) mod ordered {
 }
 
 /// A time as RFC 3339 with as many digits as it needs; all of 64-bit nanoseconds can be written.
-pub(super) fn rfc3339(time_ns: i64) -> String {
+pub(in crate::adapters) fn rfc3339(time_ns: i64) -> String {
     Timestamp::from_nanosecond(i128::from(time_ns)).map_or_else(
         |_| format!("{time_ns} ns since 1970-01-01"),
         |time| time.to_string(),

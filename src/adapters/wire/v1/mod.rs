@@ -30,6 +30,7 @@ pub use decision::{DecisionV1, EvidenceV1};
 pub use errors_of_fit::{ErrorSummaryV1, EventErrorsV1};
 pub use event::{EventSummaryV1, ReasonV1, ScreeningV1, encode_event_summary};
 pub use identification::{CostV1, DirectionV1, IdentificationV1, SolutionV1};
+pub(in crate::adapters) use json::rfc3339;
 pub use parameter_set::{
     BasesV1, OperatingPointV1, ParameterSetV1, ParameterV1, decode_parameter_set,
     encode_parameter_set,

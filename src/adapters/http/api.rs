@@ -1,0 +1,124 @@
+//! `/api/v1`: what the store holds, read only.
+
+use std::sync::Arc;
+
+use axum::{
+    Json, Router,
+    extract::{Path, Query, State},
+    http::{StatusCode, header},
+    response::{IntoResponse, Response},
+    routing::get,
+};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::{
+    Context,
+    documents::{DecisionDocument, EventDocument, SetDocument, SiteDocument},
+};
+use crate::adapters::store::{Store, StoreError, StoredSet, WindowQuery};
+
+pub(super) fn routes() -> Router<Arc<Context>> {
+    Router::new()
+        .route("/api/v1/sites", get(sites))
+        .route("/api/v1/events", get(events))
+        .route("/api/v1/sites/{site}/sets", get(sets))
+        .route("/api/v1/sites/{site}/sets/{version}", get(set))
+        .route("/api/v1/sites/{site}/parameters", get(parameters))
+        .route("/api/v1/sites/{site}/decisions", get(decisions))
+}
+
+#[derive(Debug, Deserialize)]
+struct EventsQuery {
+    site: Option<String>,
+    before_ns: Option<i64>,
+}
+
+async fn sites(State(context): State<Arc<Context>>) -> Response {
+    let found = ask(&context, |store, _| store.sites()).await;
+    list(found, |site| json!(SiteDocument::from(site)))
+}
+
+async fn events(State(context): State<Arc<Context>>, Query(query): Query<EventsQuery>) -> Response {
+    let found = ask(&context, move |store, count_max| {
+        store.window_summaries(&WindowQuery {
+            site: query.site.as_deref(),
+            before_ns: query.before_ns,
+            count_max,
+            ..WindowQuery::default()
+        })
+    })
+    .await;
+    list(found, |window| json!(EventDocument::from(window)))
+}
+
+async fn sets(State(context): State<Arc<Context>>, Path(site): Path<String>) -> Response {
+    let found = ask(&context, move |store, count_max| {
+        store.sets(&site, count_max)
+    });
+    list(found.await, |set| json!(SetDocument::from(set)))
+}
+
+async fn decisions(State(context): State<Arc<Context>>, Path(site): Path<String>) -> Response {
+    let found = ask(&context, move |store, count_max| {
+        store.decisions(&site, count_max)
+    });
+    list(found.await, |record| json!(DecisionDocument::from(record)))
+}
+
+async fn set(
+    State(context): State<Arc<Context>>,
+    Path((site, version)): Path<(String, u64)>,
+) -> Response {
+    let subject = format!("version {version} of `{site}`");
+    let found = ask(&context, move |store, _| store.set(&site, version)).await;
+    document(found, &subject)
+}
+
+async fn parameters(State(context): State<Arc<Context>>, Path(site): Path<String>) -> Response {
+    let subject = format!("published set of `{site}`");
+    let found = ask(&context, move |store, _| store.set_in_force(&site)).await;
+    document(found, &subject)
+}
+
+/// Asks the store on a thread that may block.
+pub(super) async fn ask<T: Send + 'static>(
+    context: &Arc<Context>,
+    question: impl FnOnce(&dyn Store, usize) -> Result<T, StoreError> + Send + 'static,
+) -> Result<T, Response> {
+    let (store, rows_max) = (Arc::clone(&context.store), context.rows_max);
+    let answer = tokio::task::spawn_blocking(move || question(store.as_ref(), rows_max)).await;
+    match answer {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(error)) => {
+            tracing::warn!(%error, "a page could not be answered");
+            Err(problem(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "the store did not answer",
+            ))
+        }
+        Err(_) => Err(problem(StatusCode::INTERNAL_SERVER_ERROR, "interrupted")),
+    }
+}
+
+fn list<T>(found: Result<Vec<T>, Response>, row: impl Fn(&T) -> Value) -> Response {
+    match found {
+        Ok(rows) => Json(Value::Array(rows.iter().map(row).collect())).into_response(),
+        Err(response) => response,
+    }
+}
+
+/// The stored bytes themselves: what was published, not what this version would write.
+fn document(found: Result<Option<StoredSet>, Response>, subject: &str) -> Response {
+    match found {
+        Ok(Some(set)) => {
+            ([(header::CONTENT_TYPE, "application/json")], set.document).into_response()
+        }
+        Ok(None) => problem(StatusCode::NOT_FOUND, &format!("there is no {subject}")),
+        Err(response) => response,
+    }
+}
+
+fn problem(status: StatusCode, error: &str) -> Response {
+    (status, Json(json!({ "error": error }))).into_response()
+}

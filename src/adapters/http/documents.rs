@@ -1,0 +1,151 @@
+//! JSON of what the store holds, as `/api/v1` answers it.
+
+use serde::Serialize;
+
+use crate::{
+    adapters::{
+        store::{DecisionRecord, StoredSet, WindowSummary},
+        wire::v1::{ScreeningV1, closing_name, rfc3339, trigger_name},
+    },
+    identification::Decision,
+    measurement::Site,
+};
+
+/// A site.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SiteDocument {
+    /// Name.
+    pub site: String,
+    /// Power base, MVA.
+    pub s_base_mva: f64,
+    /// Voltage base, kV.
+    pub v_base_kv: f64,
+    /// Nominal frequency, Hz.
+    pub nominal_hz: f64,
+}
+
+/// An event.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct EventDocument {
+    /// Identifier.
+    pub event: String,
+    /// Site.
+    pub site: String,
+    /// Onset, RFC 3339.
+    pub onset_utc: String,
+    /// Onset, UTC nanoseconds: `before_ns` of the next page.
+    pub onset_ns: i64,
+    /// Number of samples.
+    pub sample_count: usize,
+    /// Samples per second.
+    pub rate_fps: f64,
+    /// Lowest voltage, pu; null when no sample is usable.
+    pub lowest_voltage_pu: Option<f64>,
+    /// Triggers, in order of first appearance.
+    pub triggers: Vec<&'static str>,
+    /// Why the window ended.
+    pub closing: &'static str,
+    /// What screening said; null when it has not been asked yet.
+    pub screening: Option<ScreeningV1>,
+    /// Whether the waveforms are still kept.
+    pub has_waveforms: bool,
+}
+
+/// A version of a parameter set, without its content.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SetDocument {
+    /// Site.
+    pub site: String,
+    /// Version.
+    pub version: u64,
+    /// Hash of its content.
+    pub content_hash: String,
+    /// When the version was assigned, RFC 3339.
+    pub committed_utc: String,
+    /// When it was put on its key, RFC 3339; null until then.
+    pub published_utc: Option<String>,
+}
+
+/// A decision.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DecisionDocument {
+    /// Number.
+    pub id: i64,
+    /// Site.
+    pub site: String,
+    /// What was decided.
+    pub decision: &'static str,
+    /// Why, in words.
+    pub reason: String,
+    /// Version under which the set is published; null when it is not.
+    pub version: Option<u64>,
+    /// Whether it still waits for a person.
+    pub awaiting_approval: bool,
+    /// Who decided.
+    pub actor: String,
+    /// When, RFC 3339.
+    pub decided_utc: String,
+}
+
+impl From<&Site> for SiteDocument {
+    fn from(site: &Site) -> Self {
+        Self {
+            site: site.name.clone(),
+            s_base_mva: site.s_base_mva,
+            v_base_kv: site.v_base_kv,
+            nominal_hz: site.nominal_hz,
+        }
+    }
+}
+
+impl From<&WindowSummary> for EventDocument {
+    fn from(window: &WindowSummary) -> Self {
+        let lowest = window.lowest_voltage_pu;
+        Self {
+            event: window.id.clone(),
+            site: window.site.clone(),
+            onset_utc: rfc3339(window.onset_ns),
+            onset_ns: window.onset_ns,
+            sample_count: window.sample_count,
+            rate_fps: window.rate_fps,
+            lowest_voltage_pu: lowest.is_finite().then_some(lowest),
+            triggers: window.triggers.iter().copied().map(trigger_name).collect(),
+            closing: closing_name(window.closing),
+            screening: window.screening.as_ref().map(ScreeningV1::from),
+            has_waveforms: window.has_waveforms,
+        }
+    }
+}
+
+impl From<&StoredSet> for SetDocument {
+    fn from(set: &StoredSet) -> Self {
+        Self {
+            site: set.site.clone(),
+            version: set.version,
+            content_hash: set.content_hash.clone(),
+            committed_utc: rfc3339(set.committed_ns),
+            published_utc: set.published_ns.map(rfc3339),
+        }
+    }
+}
+
+impl From<&DecisionRecord> for DecisionDocument {
+    fn from(record: &DecisionRecord) -> Self {
+        let (decision, reason) = match &record.decision {
+            Decision::Publish { reason } => ("publish", reason),
+            Decision::PublishUnvalidated { reason } => ("publish_unvalidated", reason),
+            Decision::AwaitApproval { reason } => ("await_approval", reason),
+            Decision::Reject { reason } => ("reject", reason),
+        };
+        Self {
+            id: record.id.0,
+            site: record.site.clone(),
+            decision,
+            reason: reason.clone(),
+            version: record.version,
+            awaiting_approval: record.awaiting_approval,
+            actor: record.actor.clone(),
+            decided_utc: rfc3339(record.decided_ns),
+        }
+    }
+}

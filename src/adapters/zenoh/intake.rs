@@ -1,0 +1,151 @@
+//! The way from zenoh's receiving threads to ours: bounded queues that never make zenoh wait.
+//!
+//! A subscriber's callback runs on the thread that receives from the network. It copies the
+//! payload into a queue and returns; when the queue is full, the message is dropped and counted.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+    mpsc::{Receiver, SyncSender, sync_channel},
+};
+
+use super::{Address, Question};
+
+/// A message as it came from the network.
+#[derive(Debug)]
+pub enum Message {
+    /// A payload on a measurement or recording key.
+    Payload {
+        /// The key.
+        key: String,
+        /// What the key says.
+        address: Address,
+        /// The encoding that the sender declared, such as `application/cbor`.
+        encoding: String,
+        /// The bytes.
+        payload: Vec<u8>,
+    },
+    /// A message on a key of no documented form.
+    Stray {
+        /// The key.
+        key: String,
+    },
+    /// A question that is answered when everything before it in this queue has been taken in.
+    Barrier(Question),
+    /// Nothing comes after this.
+    End,
+}
+
+/// How many messages were dropped since the last look.
+#[derive(Debug, Default)]
+pub struct Drops {
+    /// Sample batches.
+    pub measurements: AtomicU64,
+    /// Recordings.
+    pub recordings: AtomicU64,
+    /// Questions.
+    pub questions: AtomicU64,
+}
+
+impl Drops {
+    /// The counts of measurements, recordings and questions since the last call.
+    pub fn take(&self) -> [u64; 3] {
+        [&self.measurements, &self.recordings, &self.questions]
+            .map(|count| count.swap(0, Ordering::Relaxed))
+    }
+}
+
+/// The entrance of the queues.
+#[derive(Clone, Debug)]
+pub struct Entrance {
+    pub(super) measurements: SyncSender<Message>,
+    pub(super) recordings: SyncSender<Message>,
+    pub(super) questions: SyncSender<Question>,
+    pub(super) drops: Arc<Drops>,
+}
+
+/// The exits of the queues.
+#[derive(Debug)]
+pub struct Exits {
+    /// Sample batches and barriers between them.
+    pub measurements: Receiver<Message>,
+    /// Recordings and barriers between them.
+    pub recordings: Receiver<Message>,
+    /// Questions for parameter sets and for the status.
+    pub questions: Receiver<Question>,
+    /// What the bounds cost.
+    pub drops: Arc<Drops>,
+}
+
+/// Recordings that wait for their decoder; each may hold many megabytes.
+const RECORDINGS_MAX: usize = 32;
+/// Questions that wait for an answer.
+const QUESTIONS_MAX: usize = 256;
+
+/// Queues that hold at most `messages_max` sample batches.
+#[must_use]
+pub fn queues(messages_max: usize) -> (Entrance, Exits) {
+    let (measurements, measurements_exit) = sync_channel(messages_max);
+    let (recordings, recordings_exit) = sync_channel(RECORDINGS_MAX);
+    let (questions, questions_exit) = sync_channel(QUESTIONS_MAX);
+    let drops = Arc::new(Drops::default());
+    let entrance = Entrance {
+        measurements,
+        recordings,
+        questions,
+        drops: Arc::clone(&drops),
+    };
+    let exits = Exits {
+        measurements: measurements_exit,
+        recordings: recordings_exit,
+        questions: questions_exit,
+        drops,
+    };
+    (entrance, exits)
+}
+
+impl Entrance {
+    /// Marks the end of both queues, behind everything that waits in them. Blocks while they are
+    /// full; does nothing when nobody reads them any more.
+    pub fn end(&self) {
+        for queue in [&self.measurements, &self.recordings] {
+            let _: Result<(), _> = queue.send(Message::End);
+        }
+    }
+
+    pub(super) fn measurement(&self, message: Message) {
+        if self.measurements.try_send(message).is_err() {
+            self.drops.measurements.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    pub(super) fn recording(&self, message: Message) {
+        if self.recordings.try_send(message).is_err() {
+            self.drops.recordings.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    pub(super) fn question(&self, question: Question) {
+        if self.questions.try_send(question).is_err() {
+            self.drops.questions.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_queue_drops_and_counts() {
+        let (entrance, exits) = queues(1);
+        for _ in 0..3 {
+            entrance.measurement(Message::Stray {
+                key: "k".to_owned(),
+            });
+        }
+        assert_eq!(exits.drops.take(), [2, 0, 0]);
+        assert_eq!(exits.drops.take(), [0, 0, 0]);
+        assert_eq!(exits.measurements.try_iter().count(), 1);
+    }
+}

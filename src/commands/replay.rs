@@ -1,0 +1,93 @@
+//! `loadmodeld replay`: recordings onto zenoh, with their original timing or faster.
+
+mod plan;
+mod player;
+
+use std::{io::Write, path::PathBuf};
+
+use clap::Args;
+
+use super::{Error, connection::ConnectionArgs};
+use crate::adapters::zenoh::{self, Keys};
+
+pub(super) use plan::{Piece, Plan};
+pub(super) use player::{Pace, Player};
+
+/// Arguments of `replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// Site folders and COMTRADE files (.cfg, .dat or .cff)
+    #[arg(required = true, value_name = "PATH")]
+    paths: Vec<PathBuf>,
+    /// How many times faster than the original; 0 as fast as the daemon takes it
+    #[arg(long, default_value_t = 1.0, value_name = "N")]
+    speed: f64,
+    /// Site that COMTRADE files belong to; replaces the name in a site folder
+    #[arg(long, value_name = "NAME")]
+    site: Option<String>,
+    /// Recorder that COMTRADE files come from [default: the file's name]
+    #[arg(long, value_name = "NAME")]
+    recorder: Option<String>,
+    /// Name of the stream under which batches are published
+    #[arg(long, value_name = "NAME", default_value = "replay")]
+    stream: String,
+    #[command(flatten)]
+    connection: ConnectionArgs,
+}
+
+/// Publishes everything, then says how much it was.
+///
+/// # Errors
+///
+/// [`Error`] when a path cannot be read, nobody answers, or the connection breaks.
+pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> Result<(), Error> {
+    let pace = Pace::new(args.speed)
+        .ok_or_else(|| Error::Usage(format!("the speed {} is not 0 or more", args.speed)))?;
+    let names = [&args.site, &args.recorder, &Some(args.stream.clone())];
+    if let Some(bad) = names
+        .into_iter()
+        .flatten()
+        .find(|name| !zenoh::is_chunk(name))
+    {
+        return Err(Error::Usage(format!("`{bad}` cannot be part of a key")));
+    }
+    let mut plan = Plan::default();
+    for path in &args.paths {
+        plan.add(path, args.site.as_deref(), args.recorder.as_deref())?;
+    }
+    for note in &plan.notes {
+        say(note);
+    }
+    super::runtime()?.block_on(replay(args, &plan, pace, out))
+}
+
+async fn replay(
+    args: &ReplayArgs,
+    plan: &Plan,
+    pace: Pace,
+    out: &mut dyn Write,
+) -> Result<(), Error> {
+    let options = args.connection.options()?;
+    let session = zenoh::open(&options).await?;
+    let player = Player::new(&session, Keys::new(&options.prefix), &args.stream, pace);
+    let bar = player::progress_bar(plan);
+    let progress = |samples| bar.inc(samples);
+    let played = tokio::select! {
+        played = player.play(plan, &progress) => played,
+        _ = tokio::signal::ctrl_c() => Err(Error::Interrupted),
+    };
+    bar.finish_and_clear();
+    zenoh::close_within(&session, &options).await;
+    let played = played?;
+    writeln!(
+        out,
+        "published {} samples in {} batches and {} recordings",
+        played.samples, played.batches, played.recordings
+    )?;
+    Ok(())
+}
+
+/// What was left out is said on standard error, so that the result stays clean.
+fn say(note: &str) {
+    let _: Result<(), _> = writeln!(std::io::stderr(), "loadmodeld: {note}");
+}

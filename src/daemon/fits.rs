@@ -1,0 +1,248 @@
+//! Fits on threads of their own, each with a flag that cancels it. What a panic would take down is
+//! caught and reported: a defect in one fit must not end the service.
+
+use std::{
+    collections::HashMap,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
+};
+
+use tokio::sync::mpsc::UnboundedSender;
+
+use super::{clock, convert::job_kind, inputs::inputs_hash, settings::Settings};
+use crate::{
+    adapters::store::{Store, StoreError, StoredFit},
+    disturbance::Window,
+    identification::{
+        Identification, IdentificationError, InForce, ParameterSet, errors_on, identify,
+    },
+    measurement::Site,
+    service::{Candidate, Claimed, Event, FitEnd, Fitted, Work, WorkKind},
+};
+
+/// Runs fits. The core bounds how many there are.
+#[derive(Debug)]
+pub(super) struct Fits {
+    store: Arc<dyn Store>,
+    settings: Arc<Settings>,
+    events: UnboundedSender<Event>,
+    cancel_flags: HashMap<i64, Arc<AtomicBool>>,
+}
+
+impl Fits {
+    pub(super) fn new(
+        store: Arc<dyn Store>,
+        settings: Arc<Settings>,
+        events: UnboundedSender<Event>,
+    ) -> Self {
+        Self {
+            store,
+            settings,
+            events,
+            cancel_flags: HashMap::new(),
+        }
+    }
+
+    /// Runs a fit; its end comes as an event.
+    pub(super) fn run(&mut self, claimed: Claimed) {
+        let job = claimed.job();
+        let cancel = Arc::new(AtomicBool::new(false));
+        // A flag that only the map holds belongs to a fit that has ended.
+        self.cancel_flags
+            .retain(|_, flag| Arc::strong_count(flag) > 1);
+        self.cancel_flags.insert(job, Arc::clone(&cancel));
+        let fit = Fit {
+            store: Arc::clone(&self.store),
+            settings: Arc::clone(&self.settings),
+            work: claimed.work,
+            cancel,
+        };
+        let events = self.events.clone();
+        let thread = thread::Builder::new()
+            .name(format!("fit-{job}"))
+            .spawn(move || {
+                let end = fit.run_caught();
+                let _: Result<(), _> = events.send(Event::FitEnded { job, end });
+            });
+        if let Err(error) = thread {
+            let end = FitEnd::Failed {
+                error: format!("no thread for the fit: {error}"),
+            };
+            let _: Result<(), _> = self.events.send(Event::FitEnded { job, end });
+        }
+    }
+
+    /// Asks a fit to stop.
+    pub(super) fn cancel(&self, job: i64) {
+        if let Some(flag) = self.cancel_flags.get(&job) {
+            flag.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+struct Fit {
+    store: Arc<dyn Store>,
+    settings: Arc<Settings>,
+    work: Work,
+    cancel: Arc<AtomicBool>,
+}
+
+impl Fit {
+    fn run_caught(&self) -> FitEnd {
+        match catch_unwind(AssertUnwindSafe(|| self.run())) {
+            Ok(Ok(end)) => end,
+            Ok(Err(error)) => FitEnd::Failed {
+                error: error.to_string(),
+            },
+            Err(panic) => FitEnd::Panicked {
+                message: words_of(panic.as_ref()),
+            },
+        }
+    }
+
+    fn run(&self) -> Result<FitEnd, StoreError> {
+        let windows = self.windows()?;
+        let Some(site) = self.site()? else {
+            return Ok(no_set(format!(
+                "the site `{}` is not known any more",
+                self.work.site
+            )));
+        };
+        if windows.is_empty() {
+            return Ok(no_set("no waveforms are kept any more".to_owned()));
+        }
+        let options = &self.settings.service;
+        let ids: Vec<String> = windows.iter().map(|w| w.id.clone()).collect();
+        let inputs_hash = inputs_hash(&ids, options);
+        if let Some(known) = self.known(&inputs_hash, &windows)? {
+            return Ok(known);
+        }
+        let started = clock::instant();
+        let fitted = identify(
+            &site,
+            &windows,
+            &options.structure,
+            &options.identification,
+            &|| self.cancel.load(Ordering::Relaxed),
+        );
+        Ok(match fitted {
+            Ok(mut identification) => {
+                identification.cost.seconds = started.elapsed().as_secs_f64();
+                self.fitted(identification, inputs_hash, &windows)?
+            }
+            Err(IdentificationError::Cancelled) => FitEnd::Cancelled,
+            Err(error @ IdentificationError::Structure(_)) => FitEnd::Failed {
+                error: error.to_string(),
+            },
+            Err(error) => no_set(error.to_string()),
+        })
+    }
+
+    fn fitted(
+        &self,
+        identification: Identification,
+        inputs_hash: String,
+        windows: &[Window],
+    ) -> Result<FitEnd, StoreError> {
+        let in_force = self.in_force(&identification.set, windows)?;
+        Ok(FitEnd::Fitted(Arc::new(Fitted {
+            identification,
+            inputs_hash,
+            in_force,
+        })))
+    }
+
+    fn windows(&self) -> Result<Vec<Window>, StoreError> {
+        match self.work.kind {
+            WorkKind::Event => Ok(self.store.window(&self.work.subject)?.into_iter().collect()),
+            WorkKind::Site => self
+                .store
+                .usable_windows(&self.work.site, self.settings.service.joint_events_max),
+        }
+    }
+
+    fn site(&self) -> Result<Option<Site>, StoreError> {
+        let mut sites = self.store.sites()?.into_iter();
+        Ok(sites.find(|site| site.name == self.work.site))
+    }
+
+    /// The fit of the same inputs, if one is on record: whoever made it died before the decision.
+    fn known(&self, hash: &str, windows: &[Window]) -> Result<Option<FitEnd>, StoreError> {
+        let kind = job_kind(self.work.kind);
+        let Some(stored) = self.store.fit_of(kind, &self.work.subject, hash)? else {
+            return Ok(None);
+        };
+        let Some(set) = readable_set(&stored) else {
+            return Ok(None);
+        };
+        let in_force = self.in_force(&set, windows)?;
+        Ok(Some(FitEnd::Known {
+            fit: stored.id.0,
+            candidate: Arc::new(Candidate { set, in_force }),
+        }))
+    }
+
+    /// The newest set of the site and its errors on the events that the candidate was not fitted
+    /// on: the two are compared on the same ground.
+    fn in_force(
+        &self,
+        candidate: &ParameterSet,
+        windows: &[Window],
+    ) -> Result<Option<InForce>, StoreError> {
+        if self.work.kind == WorkKind::Event {
+            return Ok(None);
+        }
+        let Some(stored) = self.store.newest_set(&self.work.site)? else {
+            return Ok(None);
+        };
+        let set = match stored.set() {
+            Ok(set) => set,
+            Err(error) => {
+                tracing::warn!(site = stored.site, version = stored.version, %error,
+                    "the set in force cannot be read and does not count");
+                return Ok(None);
+            }
+        };
+        let held_out: Vec<Window> = windows
+            .iter()
+            .filter(|w| candidate.held_out_events.contains(&w.id))
+            .cloned()
+            .collect();
+        let options = &self.settings.service.identification;
+        let on_candidates_held_out = if held_out.is_empty() {
+            None
+        } else {
+            errors_on(&set, &held_out, options).ok()
+        };
+        Ok(Some(InForce {
+            set,
+            on_candidates_held_out,
+        }))
+    }
+}
+
+fn readable_set(stored: &StoredFit) -> Option<ParameterSet> {
+    match stored.set() {
+        Ok(set) => set,
+        Err(error) => {
+            tracing::warn!(fit = stored.id.0, %error, "a fit on record cannot be read");
+            None
+        }
+    }
+}
+
+const fn no_set(reason: String) -> FitEnd {
+    FitEnd::NoSet { reason }
+}
+
+fn words_of(panic: &(dyn std::any::Any + Send)) -> String {
+    panic
+        .downcast_ref::<&str>()
+        .map(|text| (*text).to_owned())
+        .or_else(|| panic.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "no message".to_owned())
+}

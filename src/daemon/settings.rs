@@ -1,0 +1,58 @@
+//! Everything the daemon needs to know before it starts.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use crate::{
+    adapters::{
+        http::HttpOptions,
+        recordings::{comtrade, mapping::RecordingMapping},
+        store::{Keep, SqliteOptions},
+        wire::v1::{BatchLimits, RecordingLimits},
+        zenoh::ZenohOptions,
+    },
+    service::{ServiceOptions, SiteOptions},
+};
+
+/// Settings of a daemon.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Settings of the core.
+    pub service: ServiceOptions,
+    /// The sites.
+    pub sites: Vec<SiteOptions>,
+    /// How each recorder's files are read, by site and recorder. The recorder `*` stands for
+    /// every other of its site.
+    pub recorders: BTreeMap<(String, String), Recorder>,
+    /// Settings of zenoh.
+    pub zenoh: ZenohOptions,
+    /// Settings of HTTP.
+    pub http: HttpOptions,
+    /// File of the store.
+    pub store_path: PathBuf,
+    /// Settings of the store.
+    pub store: SqliteOptions,
+    /// What retention keeps; none keeps everything.
+    pub keep: Option<Keep>,
+    /// What a batch may cost.
+    pub batch_limits: BatchLimits,
+    /// What a recording may cost.
+    pub recording_limits: RecordingLimits,
+}
+
+/// How the files of a recorder are read.
+#[derive(Clone, Debug)]
+pub struct Recorder {
+    /// Which channels are the load's.
+    pub mapping: RecordingMapping,
+    /// What the files do not say themselves.
+    pub options: comtrade::Options,
+}
+
+impl Settings {
+    /// The recorder of that name at a site.
+    #[must_use]
+    pub fn recorder(&self, site: &str, recorder: &str) -> Option<&Recorder> {
+        let named = |name: &str| self.recorders.get(&(site.to_owned(), name.to_owned()));
+        named(recorder).or_else(|| named("*"))
+    }
+}

@@ -1,0 +1,494 @@
+//! The one owner of the service's state, and the only place where it changes.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use super::{
+    AskedSet, Backlog, BacklogPart, Command, Event, Failure, ServiceOptions, SiteOptions, Work,
+    fits::Fits, outbox::Outbox, publishing::Publishing, streams::Streams, windows::Windows,
+};
+use crate::{
+    disturbance::Window,
+    telemetry::{
+        intake::{MessagesDropped, PayloadRefused},
+        jobs::JobQueued,
+        process::{GraceExceeded, ServiceStopping},
+        sets::{QueryAnswered, QueryOutcome},
+        store::{StoreFailed, WorkTakenUp},
+        windows::EventAnnounced,
+    },
+};
+
+/// Questions that may wait for an answer at one time.
+const QUESTIONS_MAX: usize = 256;
+/// Time between measurements of the store, nanoseconds.
+const MEASURE_NS: i64 = 15_000_000_000;
+/// Time between two rounds of retention, nanoseconds.
+const PRUNE_NS: i64 = 3_600_000_000_000;
+/// A burst of events postpones a joint fit by at most this many settling times.
+const SETTLE_TIMES_MAX: i64 = 10;
+
+/// The state of the service.
+///
+/// [`State::apply`] is a function of the state, the time and the event; whatever is to be done in
+/// the world comes back as commands. The order of a window's steps is fixed here: stored, screened,
+/// announced, queued, fitted, decided on, published.
+#[derive(Debug)]
+pub struct State {
+    options: ServiceOptions,
+    streams: Streams,
+    windows: Windows,
+    fits: Fits,
+    publishing: Publishing,
+    /// Since when a joint fit of a site has been postponed.
+    postponed_since_ns: BTreeMap<String, i64>,
+    questions: usize,
+    sweep: Sweep,
+    measure_at_ns: i64,
+    prune_at_ns: i64,
+    phase: Phase,
+}
+
+#[derive(Debug)]
+struct Sweep {
+    part: BacklogPart,
+    due_ns: i64,
+    in_flight: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Running,
+    /// The order is: no more intake, streams ended, windows stored, fits ended or given back.
+    Stopping {
+        cancel_at_ns: i64,
+        deadline_ns: i64,
+        intake_stopped: bool,
+    },
+    Stopped,
+}
+
+impl State {
+    /// A service that has taken nothing in yet. Its first tick looks for what was left behind.
+    #[must_use]
+    pub fn new(options: ServiceOptions, sites: Vec<SiteOptions>) -> Self {
+        Self {
+            streams: Streams::new(sites, options.silence_ns),
+            windows: Windows::new(&options),
+            fits: Fits::new(),
+            publishing: Publishing::default(),
+            postponed_since_ns: BTreeMap::new(),
+            questions: 0,
+            sweep: Sweep {
+                part: BacklogPart::Everything,
+                due_ns: i64::MIN,
+                in_flight: false,
+            },
+            measure_at_ns: i64::MIN,
+            prune_at_ns: i64::MIN,
+            phase: Phase::Running,
+            options,
+        }
+    }
+
+    /// What follows from an event at `now_ns` (UTC, nanoseconds).
+    #[must_use]
+    pub fn apply(&mut self, now_ns: i64, event: Event) -> Vec<Command> {
+        let mut out = Outbox::default();
+        self.take(now_ns, event, &mut out);
+        self.fits.claim(now_ns, &self.options, &mut out);
+        self.stop_when_done(now_ns, &mut out);
+        out.into_commands()
+    }
+
+    /// Whether nothing is under way and nothing waits for more samples. Jobs in the store that are
+    /// not due yet are not known here.
+    #[must_use]
+    pub fn at_rest(&self) -> bool {
+        self.streams.at_rest()
+            && self.windows.at_rest()
+            && self.fits.at_rest()
+            && self.publishing.at_rest()
+            && !self.sweep.in_flight
+            && self.sweep.part != BacklogPart::Everything
+    }
+
+    /// Fits that run.
+    #[must_use]
+    pub fn fits_running(&self) -> usize {
+        self.fits.count()
+    }
+
+    fn take(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        match event {
+            Event::BatchDecoded(_)
+            | Event::RecordingDecoded(_)
+            | Event::PayloadRefused { .. }
+            | Event::MessagesDropped { .. } => self.take_measurement(now_ns, event, out),
+            Event::WindowStored { .. }
+            | Event::WindowNotStored { .. }
+            | Event::ScreeningStored { .. }
+            | Event::EventAnnounced { .. }
+            | Event::AnnouncementMarked { .. }
+            | Event::WindowStepFailed { .. } => self.take_window_step(now_ns, event, out),
+            Event::WorkQueued { .. }
+            | Event::WorkNotNeeded { .. }
+            | Event::WorkNotQueued { .. }
+            | Event::WorkClaimed(_)
+            | Event::NothingToClaim
+            | Event::ClaimFailed(_)
+            | Event::LeaseAnswered { .. }
+            | Event::FitEnded { .. }
+            | Event::FitStored { .. }
+            | Event::DecisionCommitted { .. }
+            | Event::WorkEnded { .. }
+            | Event::WorkStepFailed { .. } => self.take_work_step(now_ns, event, out),
+            Event::SetPublished { .. }
+            | Event::PublicationMarked { .. }
+            | Event::PublicationFailed { .. }
+            | Event::ParametersAsked { .. }
+            | Event::QuestionAnswered { .. } => self.take_publication(now_ns, event, out),
+            Event::BacklogLoaded(part, backlog) => {
+                self.sweep.answered(part);
+                self.take_up(now_ns, backlog, out);
+            }
+            Event::BacklogFailed(part, failure) => {
+                self.sweep.answered(part);
+                report_failure(failure, true, out);
+                self.sweep_soon(now_ns, part);
+            }
+            Event::HousekeepingDone(result) => match result {
+                Ok(occurrence) => out.push(Command::Report(occurrence)),
+                Err(failure) => report_failure(failure, true, out),
+            },
+            Event::Tick => self.tick(now_ns, out),
+            Event::StopRequested => self.begin_stop(now_ns, out),
+            Event::IntakeStopped => self.end_streams(out),
+        }
+    }
+
+    fn take_measurement(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        match event {
+            Event::BatchDecoded(batch) => {
+                let windows = self.streams.push(now_ns, &batch, out);
+                self.found(windows, out);
+            }
+            Event::RecordingDecoded(recording) => {
+                let window = self.streams.push_recording(recording, out);
+                self.found(window, out);
+            }
+            Event::PayloadRefused {
+                source,
+                key,
+                reason,
+                error,
+            } => out.report(PayloadRefused {
+                source,
+                key,
+                reason,
+                error,
+            }),
+            Event::MessagesDropped { source, messages } => {
+                out.report(MessagesDropped { source, messages });
+            }
+            _ => {}
+        }
+    }
+
+    fn found(&mut self, windows: impl IntoIterator<Item = Window>, out: &mut Outbox) {
+        for window in windows {
+            self.windows.found(window, out);
+        }
+    }
+
+    fn take_window_step(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        match event {
+            Event::WindowStored { window, known } => {
+                if let Some(window) = self.windows.stored(&window, known, out) {
+                    self.screen(now_ns, &window, out);
+                }
+            }
+            Event::WindowNotStored { window, failure } => {
+                self.windows.not_stored(now_ns, &window, failure, out);
+            }
+            Event::ScreeningStored { window } => {
+                if let Some((window, screening)) = self.windows.under_way(&window) {
+                    if screening.usable() {
+                        self.queue(now_ns, Work::event(&window.site, &window.id), out);
+                        self.queue(now_ns, Work::site(&window.site), out);
+                    }
+                    self.windows.announce(window, screening, out);
+                }
+            }
+            Event::EventAnnounced { window } => {
+                out.report(EventAnnounced {
+                    window: window.clone(),
+                });
+                out.push(Command::MarkAnnounced { window });
+            }
+            Event::AnnouncementMarked { window } => self.windows.leave(&window),
+            Event::WindowStepFailed { window, failure } => {
+                report_failure(failure, true, out);
+                self.windows.leave(&window);
+                self.sweep_soon(now_ns, BacklogPart::Everything);
+            }
+            _ => {}
+        }
+    }
+
+    fn screen(&mut self, now_ns: i64, window: &Arc<Window>, out: &mut Outbox) {
+        let screening = self.streams.screen(window);
+        if !self.windows.screened(window, screening, out) {
+            self.sweep_soon(now_ns, BacklogPart::Everything);
+        }
+    }
+
+    fn queue(&mut self, now_ns: i64, work: Work, out: &mut Outbox) {
+        let due_ns = match work.kind {
+            super::WorkKind::Event => now_ns,
+            super::WorkKind::Site => self.settled_ns(now_ns, &work.site),
+        };
+        out.push(Command::Queue { work, due_ns });
+    }
+
+    /// When a site's joint fit is due: after a quiet time, which a burst of events may renew only
+    /// so many times.
+    fn settled_ns(&mut self, now_ns: i64, site: &str) -> i64 {
+        let settle_ns = self.options.settle_ns;
+        let since_ns = *self
+            .postponed_since_ns
+            .entry(site.to_owned())
+            .or_insert(now_ns);
+        let latest_ns = since_ns.saturating_add(settle_ns.saturating_mul(SETTLE_TIMES_MAX));
+        now_ns.saturating_add(settle_ns).min(latest_ns)
+    }
+
+    fn take_work_step(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        let options = &self.options;
+        match event {
+            Event::WorkQueued { work, known } => {
+                out.report(JobQueued {
+                    kind: work.kind.name(),
+                    subject: work.subject,
+                    known,
+                });
+                self.fits.look_now();
+            }
+            Event::WorkNotNeeded { work, reason } => {
+                tracing::debug!(subject = work.subject, reason, "no fit yet");
+            }
+            Event::WorkNotQueued { failure, .. } => {
+                report_failure(failure, true, out);
+                self.sweep_soon(now_ns, BacklogPart::Everything);
+            }
+            Event::WorkClaimed(claimed) => {
+                self.postponed_since_ns.remove(&claimed.work.subject);
+                self.fits.claimed(now_ns, claimed, options, out);
+            }
+            Event::NothingToClaim => self.fits.nothing_claimed(now_ns),
+            Event::ClaimFailed(failure) => {
+                self.fits.nothing_claimed(now_ns);
+                report_failure(failure, true, out);
+            }
+            Event::LeaseAnswered { job, held } => self.fits.lease_answered(job, held, out),
+            Event::FitEnded { job, end } => self.fits.fit_ended(now_ns, job, end, options, out),
+            Event::FitStored { job, fit } => self.fits.fit_stored(job, fit, options, out),
+            Event::DecisionCommitted {
+                job,
+                version,
+                known,
+            } => {
+                self.fits.committed(job, version, known, out);
+                if version.is_some() {
+                    out.push(Command::LoadBacklog(BacklogPart::Sets));
+                }
+            }
+            Event::WorkEnded { job, parked } => self.fits.ended(job, parked, out),
+            Event::WorkStepFailed { job, failure } => {
+                self.fits.step_failed(now_ns, job, failure, options, out);
+            }
+            _ => {}
+        }
+    }
+
+    fn take_publication(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        match event {
+            Event::SetPublished { site, version } => {
+                self.publishing.published(now_ns, &site, version, out);
+            }
+            Event::PublicationMarked { site, version } => self.publishing.marked(&site, version),
+            Event::PublicationFailed {
+                site,
+                version,
+                failure,
+            } => self
+                .publishing
+                .failed(now_ns, (&site, version), failure, &self.options, out),
+            Event::ParametersAsked {
+                question,
+                selector,
+                asked,
+            } => self.answer(question, selector, asked, out),
+            Event::QuestionAnswered { selector, outcome } => {
+                self.questions = self.questions.saturating_sub(1);
+                out.report(QueryAnswered { selector, outcome });
+            }
+            _ => {}
+        }
+    }
+
+    fn answer(
+        &mut self,
+        question: u64,
+        selector: String,
+        asked: Result<AskedSet, String>,
+        out: &mut Outbox,
+    ) {
+        let refusal = match asked {
+            Ok(asked) if self.questions < QUESTIONS_MAX => {
+                self.questions += 1;
+                out.push(Command::Answer { question, asked });
+                return;
+            }
+            Ok(_) => (
+                "too many questions at one time".to_owned(),
+                QueryOutcome::Failed,
+            ),
+            Err(reason) => (reason, QueryOutcome::Malformed),
+        };
+        let (reason, outcome) = refusal;
+        out.push(Command::Refuse { question, reason });
+        out.report(QueryAnswered { selector, outcome });
+    }
+
+    /// Takes up what the store holds and nobody works on.
+    fn take_up(&mut self, now_ns: i64, backlog: Backlog, out: &mut Outbox) {
+        let mut taken = WorkTakenUp::default();
+        for window in backlog.unscreened {
+            if !self.windows.knows(&window.id) {
+                taken.windows += 1;
+                self.screen(now_ns, &window, out);
+            }
+        }
+        for (window, screening) in backlog.unannounced {
+            if !self.windows.knows(&window.id) && self.windows.announce(window, screening, out) {
+                taken.events += 1;
+            }
+        }
+        for set in backlog.unpublished {
+            taken.sets += 1;
+            self.publishing.begin(set, out);
+        }
+        for (site, windows) in backlog.usable {
+            for window in &windows {
+                self.queue(now_ns, Work::event(&site, window), out);
+            }
+            self.queue(now_ns, Work::site(&site), out);
+        }
+        if backlog.more {
+            self.sweep_soon(now_ns, BacklogPart::WindowsAndSets);
+        }
+        out.report(taken);
+    }
+
+    fn tick(&mut self, now_ns: i64, out: &mut Outbox) {
+        let ended = self.streams.end_silent(now_ns);
+        self.found(ended, out);
+        self.windows.retry(now_ns, out);
+        self.fits.tick(now_ns, &self.options, out);
+        self.publishing.tick(now_ns, out);
+        if now_ns >= self.sweep.due_ns && !self.sweep.in_flight {
+            self.sweep.in_flight = true;
+            out.push(Command::LoadBacklog(self.sweep.part));
+            self.sweep.part = BacklogPart::WindowsAndSets;
+            self.sweep.due_ns = now_ns.saturating_add(self.options.sweep_ns);
+        }
+        if now_ns >= self.measure_at_ns {
+            self.measure_at_ns = now_ns.saturating_add(MEASURE_NS);
+            out.push(Command::MeasureStore);
+        }
+        if now_ns >= self.prune_at_ns {
+            self.prune_at_ns = now_ns.saturating_add(PRUNE_NS);
+            out.push(Command::Prune);
+        }
+    }
+
+    fn sweep_soon(&mut self, now_ns: i64, part: BacklogPart) {
+        let soon_ns = now_ns.saturating_add(self.options.store_retry_ns);
+        self.sweep.due_ns = self.sweep.due_ns.min(soon_ns);
+        if part == BacklogPart::Everything {
+            self.sweep.part = part;
+        }
+    }
+
+    fn begin_stop(&mut self, now_ns: i64, out: &mut Outbox) {
+        if self.phase != Phase::Running {
+            return;
+        }
+        let grace_ns = self.options.shutdown_grace_ns;
+        self.phase = Phase::Stopping {
+            cancel_at_ns: now_ns.saturating_add(grace_ns / 2),
+            deadline_ns: now_ns.saturating_add(grace_ns),
+            intake_stopped: false,
+        };
+        out.report(ServiceStopping {
+            fits: self.fits.count(),
+            windows: self.windows.spooled(),
+        });
+        self.fits.close(out);
+        out.push(Command::StopIntake);
+    }
+
+    fn end_streams(&mut self, out: &mut Outbox) {
+        if let Phase::Stopping { intake_stopped, .. } = &mut self.phase {
+            *intake_stopped = true;
+        }
+        let ended = self.streams.end_all();
+        self.found(ended, out);
+    }
+
+    fn stop_when_done(&mut self, now_ns: i64, out: &mut Outbox) {
+        let Phase::Stopping {
+            cancel_at_ns,
+            deadline_ns,
+            intake_stopped,
+        } = self.phase
+        else {
+            return;
+        };
+        if now_ns >= cancel_at_ns {
+            self.fits.cancel_all(out);
+        }
+        let done = intake_stopped
+            && self.windows.at_rest()
+            && self.fits.at_rest()
+            && self.publishing.at_rest();
+        if !done && now_ns < deadline_ns {
+            return;
+        }
+        if !done {
+            out.report(GraceExceeded {
+                fits: self.fits.count(),
+                windows: self.windows.spooled(),
+            });
+        }
+        self.phase = Phase::Stopped;
+        out.push(Command::Stop);
+    }
+}
+
+impl Sweep {
+    /// Sets alone are asked for out of turn, after each decision.
+    fn answered(&mut self, part: BacklogPart) {
+        if part != BacklogPart::Sets {
+            self.in_flight = false;
+        }
+    }
+}
+
+fn report_failure(failure: Failure, retried: bool, out: &mut Outbox) {
+    out.report(StoreFailed {
+        reason: failure.reason,
+        error: failure.error,
+        retried,
+    });
+}

@@ -1,0 +1,386 @@
+//! Every metric by name. `docs/metrics.md` shows the same list and a test holds the two equal.
+
+/// What a metric is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Only grows.
+    Counter,
+    /// Moves both ways.
+    Gauge,
+    /// Counts values by size, in these upper bounds.
+    Histogram(&'static [u32]),
+}
+
+impl Kind {
+    /// Name in the documentation.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Gauge => "gauge",
+            Self::Histogram(_) => "histogram",
+        }
+    }
+}
+
+/// A metric as it is declared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Declaration {
+    /// Name, with prefix, unit and, for a counter, `_total`.
+    pub name: &'static str,
+    /// What it is.
+    pub kind: Kind,
+    /// Labels, in order. `site` holds configured sites only; all others hold closed lists.
+    pub labels: &'static [&'static str],
+    /// What it counts, in one sentence.
+    pub help: &'static str,
+}
+
+const fn counter(
+    name: &'static str,
+    labels: &'static [&'static str],
+    help: &'static str,
+) -> Declaration {
+    Declaration {
+        name,
+        kind: Kind::Counter,
+        labels,
+        help,
+    }
+}
+
+const fn gauge(
+    name: &'static str,
+    labels: &'static [&'static str],
+    help: &'static str,
+) -> Declaration {
+    Declaration {
+        name,
+        kind: Kind::Gauge,
+        labels,
+        help,
+    }
+}
+
+/// Upper bounds of the durations of fits, seconds: from a static fit to the default budget.
+const FIT_BOUNDS_S: &[u32] = &[1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+
+/// Batches taken in, by site.
+pub const BATCHES: Declaration = counter(
+    "loadmodeld_batches_total",
+    &["site"],
+    "Sample batches taken in.",
+);
+/// Samples by what became of them.
+pub const SAMPLES: Declaration = counter(
+    "loadmodeld_samples_total",
+    &["site", "outcome"],
+    "Samples by what became of them: accepted, late, duplicate, out_of_order, unusable, missing, refused.",
+);
+/// Batches lost on the way.
+pub const BATCHES_LOST: Declaration = counter(
+    "loadmodeld_batches_lost_total",
+    &["site"],
+    "Batches that never arrived, seen from gaps in the streams' own running numbers.",
+);
+/// Recordings taken in.
+pub const RECORDINGS: Declaration = counter(
+    "loadmodeld_recordings_total",
+    &["site"],
+    "Disturbance recordings taken in.",
+);
+/// Payloads that could not be decoded.
+pub const PAYLOADS_REFUSED: Declaration = counter(
+    "loadmodeld_payloads_refused_total",
+    &["source", "reason"],
+    "Payloads refused, by source (measurement, recording) and reason.",
+);
+/// Messages dropped by a full intake queue.
+pub const MESSAGES_DROPPED: Declaration = counter(
+    "loadmodeld_messages_dropped_total",
+    &["source"],
+    "Messages dropped because the intake queue was full, by source (measurement, recording, query).",
+);
+/// Time of the newest sample.
+pub const SAMPLE_TIMESTAMP: Declaration = gauge(
+    "loadmodeld_newest_sample_timestamp_seconds",
+    &["site"],
+    "Time stamp of the newest sample of a site, seconds since 1970.",
+);
+/// Age of the newest sample on arrival.
+pub const SAMPLE_LAG: Declaration = gauge(
+    "loadmodeld_sample_lag_seconds",
+    &["site"],
+    "Age of a site's newest sample when it arrived.",
+);
+/// Disturbances found.
+pub const WINDOWS: Declaration = counter(
+    "loadmodeld_windows_total",
+    &["site"],
+    "Disturbance windows cut out and put on durable storage for the first time.",
+);
+/// Disturbances by how they were closed.
+pub const WINDOWS_CLOSED: Declaration = counter(
+    "loadmodeld_windows_closed_total",
+    &["closing"],
+    "Disturbance windows cut out, by why they were closed.",
+);
+/// Disturbances by the verdict of screening.
+pub const WINDOWS_SCREENED: Declaration = counter(
+    "loadmodeld_windows_screened_total",
+    &["site", "verdict"],
+    "Disturbance windows by the verdict of screening: usable, refused.",
+);
+/// Objections of screening.
+pub const SCREENING_REFUSALS: Declaration = counter(
+    "loadmodeld_screening_refusals_total",
+    &["reason"],
+    "Objections of screening that forbid the use of a window, by reason.",
+);
+/// Windows lost.
+pub const WINDOWS_DROPPED: Declaration = counter(
+    "loadmodeld_windows_dropped_total",
+    &[],
+    "Disturbance windows lost because the store refused them until the spool was full or the service ended.",
+);
+/// Windows waiting for the store.
+pub const WINDOWS_SPOOLED: Declaration = gauge(
+    "loadmodeld_windows_spooled",
+    &[],
+    "Disturbance windows in memory that are not on durable storage yet.",
+);
+/// Event summaries published.
+pub const EVENTS_ANNOUNCED: Declaration = counter(
+    "loadmodeld_events_announced_total",
+    &[],
+    "Event summaries put on their key.",
+);
+/// Fits by result.
+pub const FITS: Declaration = counter(
+    "loadmodeld_fits_total",
+    &["site", "result"],
+    "Fits by result: pass, fail, cannot_judge, error.",
+);
+/// Fits that did not end by themselves.
+pub const FITS_INTERRUPTED: Declaration = counter(
+    "loadmodeld_fits_interrupted_total",
+    &["reason"],
+    "Fits that did not end by themselves, by reason: budget, shutdown, lease_lost, panic.",
+);
+/// Duration of fits.
+pub const FIT_SECONDS: Declaration = Declaration {
+    name: "loadmodeld_fit_seconds",
+    kind: Kind::Histogram(FIT_BOUNDS_S),
+    labels: &[],
+    help: "Wall-clock time of fits that ended by themselves.",
+};
+/// Simulations.
+pub const SIMULATIONS: Declaration = counter(
+    "loadmodeld_simulations_total",
+    &["kind"],
+    "Simulations of one event, by kind: plain, sensitivity.",
+);
+/// Fits running.
+pub const WORKERS_BUSY: Declaration = gauge("loadmodeld_workers_busy", &[], "Fits running now.");
+/// Jobs by state.
+pub const JOBS: Declaration = gauge(
+    "loadmodeld_jobs",
+    &["state"],
+    "Jobs in the store by state: queued, claimed, parked.",
+);
+/// Age of the oldest due job.
+pub const JOB_AGE: Declaration = gauge(
+    "loadmodeld_oldest_due_job_age_seconds",
+    &[],
+    "Age of the oldest job that is due.",
+);
+/// Jobs parked.
+pub const JOBS_PARKED: Declaration = counter(
+    "loadmodeld_jobs_parked_total",
+    &[],
+    "Jobs that failed too often and wait for a person.",
+);
+/// Decisions.
+pub const DECISIONS: Declaration = counter(
+    "loadmodeld_decisions_total",
+    &["site", "decision"],
+    "Decisions on candidate sets: publish, publish_unvalidated, await_approval, reject.",
+);
+/// Sets published.
+pub const SETS_PUBLISHED: Declaration = counter(
+    "loadmodeld_sets_published_total",
+    &["site"],
+    "Parameter sets put on their key.",
+);
+/// Version of the newest published set.
+pub const SET_VERSION: Declaration = gauge(
+    "loadmodeld_set_version",
+    &["site"],
+    "Version of the newest set published by this process.",
+);
+/// When the newest set was published.
+pub const SET_TIMESTAMP: Declaration = gauge(
+    "loadmodeld_set_published_timestamp_seconds",
+    &["site"],
+    "When the newest set was published, seconds since 1970.",
+);
+/// Error of the newest candidate on held-out events.
+pub const HELD_OUT_ERROR: Declaration = gauge(
+    "loadmodeld_held_out_error_percent",
+    &["site", "channel"],
+    "Error of the newest candidate on its held-out events, by channel (p, q).",
+);
+/// Held-out error over error in the fit.
+pub const HELD_OUT_RATIO: Declaration = gauge(
+    "loadmodeld_held_out_to_fit_ratio",
+    &["site"],
+    "Error to noise of the newest candidate on held-out events over the same in the fit.",
+);
+/// Error over noise of the newest candidate.
+pub const ERROR_TO_NOISE: Declaration = gauge(
+    "loadmodeld_error_to_noise_ratio",
+    &["site"],
+    "Residual over noise floor of the newest candidate on the fitted events.",
+);
+/// Failures of publishing.
+pub const PUBLISH_ERRORS: Declaration = counter(
+    "loadmodeld_publish_errors_total",
+    &["what"],
+    "Publications that zenoh refused: set, event.",
+);
+/// Queries for parameter sets.
+pub const QUERIES: Declaration = counter(
+    "loadmodeld_queries_total",
+    &["outcome"],
+    "Queries for parameter sets: answered, not_found, malformed, failed.",
+);
+/// Errors of the store.
+pub const STORE_ERRORS: Declaration = counter(
+    "loadmodeld_store_errors_total",
+    &["reason"],
+    "Operations the store refused, by reason.",
+);
+/// Size of the store.
+pub const STORE_BYTES: Declaration = gauge("loadmodeld_store_bytes", &[], "Size of the store.");
+/// Rows deleted by retention.
+pub const STORE_PRUNED: Declaration = counter(
+    "loadmodeld_store_pruned_total",
+    &["what"],
+    "What retention deleted: waveforms, windows, fits, jobs.",
+);
+/// Longest step of the loop.
+pub const LOOP_STEP: Declaration = gauge(
+    "loadmodeld_loop_step_seconds_max",
+    &[],
+    "Longest time the loop spent on one event since the last tick.",
+);
+/// Start of the process.
+pub const START_TIMESTAMP: Declaration = gauge(
+    "loadmodeld_start_timestamp_seconds",
+    &[],
+    "When the process started, seconds since 1970; changes count restarts.",
+);
+/// What is running.
+pub const BUILD_INFO: Declaration = gauge(
+    "loadmodeld_build_info",
+    &["version"],
+    "Always 1; the label says what is running.",
+);
+
+/// Every metric.
+pub const CATALOGUE: &[Declaration] = &[
+    BATCHES,
+    SAMPLES,
+    BATCHES_LOST,
+    RECORDINGS,
+    PAYLOADS_REFUSED,
+    MESSAGES_DROPPED,
+    SAMPLE_TIMESTAMP,
+    SAMPLE_LAG,
+    WINDOWS,
+    WINDOWS_CLOSED,
+    WINDOWS_SCREENED,
+    SCREENING_REFUSALS,
+    WINDOWS_DROPPED,
+    WINDOWS_SPOOLED,
+    EVENTS_ANNOUNCED,
+    FITS,
+    FITS_INTERRUPTED,
+    FIT_SECONDS,
+    SIMULATIONS,
+    WORKERS_BUSY,
+    JOBS,
+    JOB_AGE,
+    JOBS_PARKED,
+    DECISIONS,
+    SETS_PUBLISHED,
+    SET_VERSION,
+    SET_TIMESTAMP,
+    HELD_OUT_ERROR,
+    HELD_OUT_RATIO,
+    ERROR_TO_NOISE,
+    PUBLISH_ERRORS,
+    QUERIES,
+    STORE_ERRORS,
+    STORE_BYTES,
+    STORE_PRUNED,
+    LOOP_STEP,
+    START_TIMESTAMP,
+    BUILD_INFO,
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_follow_the_convention_and_are_unique() {
+        for (at, metric) in CATALOGUE.iter().enumerate() {
+            assert!(metric.name.starts_with("loadmodeld_"), "{}", metric.name);
+            assert_eq!(
+                metric.kind == Kind::Counter,
+                metric.name.ends_with("_total"),
+                "{}",
+                metric.name
+            );
+            assert!(metric.help.ends_with('.'), "{}", metric.name);
+            assert!(CATALOGUE[..at].iter().all(|m| m.name != metric.name));
+        }
+    }
+
+    #[test]
+    fn the_documentation_lists_exactly_these_metrics() {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/metrics.md");
+        let table = documentation_table();
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        if std::env::var_os("UPDATE_DOCS").is_some() {
+            let (before, _) = text.split_once(TABLE_START).unwrap();
+            let (_, after) = text.split_once(TABLE_END).unwrap();
+            let new = format!("{before}{TABLE_START}\n{table}{TABLE_END}{after}");
+            std::fs::write(path, new).unwrap();
+            return;
+        }
+        assert!(
+            text.contains(&table),
+            "docs/metrics.md is out of date: run `UPDATE_DOCS=1 cargo test --lib telemetry`"
+        );
+    }
+
+    const TABLE_START: &str = "<!-- metrics: start -->";
+    const TABLE_END: &str = "<!-- metrics: end -->";
+
+    fn documentation_table() -> String {
+        let mut rows = vec!["| name | kind | labels | meaning |".to_owned()];
+        rows.push("|---|---|---|---|".to_owned());
+        rows.extend(CATALOGUE.iter().map(|m| {
+            format!(
+                "| `{}` | {} | {} | {} |",
+                m.name,
+                m.kind.name(),
+                m.labels.join(", "),
+                m.help
+            )
+        }));
+        rows.join("\n") + "\n"
+    }
+}

@@ -1,0 +1,223 @@
+//! Messages and samples coming in.
+
+use tracing::{debug, error, info, trace, warn};
+
+use super::{Metrics, Occurrence, catalogue};
+
+/// Where a payload came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Source {
+    /// A sample batch.
+    Measurement,
+    /// A disturbance recording.
+    Recording,
+    /// A query.
+    Query,
+}
+
+impl Source {
+    /// Every source.
+    pub const ALL: [Self; 3] = [Self::Measurement, Self::Recording, Self::Query];
+
+    /// The label.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Measurement => "measurement",
+            Self::Recording => "recording",
+            Self::Query => "query",
+        }
+    }
+}
+
+/// What became of the samples of a batch. The counts need not add up: an out-of-order sample is
+/// also accepted, an unusable one too.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SampleCounts {
+    /// Put in place.
+    pub accepted: u64,
+    /// Later than the lag time, and dropped.
+    pub late: u64,
+    /// There already, and dropped.
+    pub duplicate: u64,
+    /// Put in place behind a newer one.
+    pub out_of_order: u64,
+    /// In place, but flagged so that no fit may use them.
+    pub unusable: u64,
+    /// Instants released without data.
+    pub missing: u64,
+    /// Off the grid or too far ahead, and dropped.
+    pub refused: u64,
+}
+
+/// A batch went into a site's stream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BatchTaken {
+    /// Site.
+    pub site: String,
+    /// Stream.
+    pub stream: String,
+    /// What became of its samples.
+    pub samples: SampleCounts,
+    /// Batches of the stream missing before this one.
+    pub lost_before: u64,
+    /// Time of its newest sample, UTC nanoseconds.
+    pub newest_ns: i64,
+    /// Age of that sample, nanoseconds.
+    pub lag_ns: i64,
+}
+
+impl Occurrence for BatchTaken {
+    fn emit(&self, metrics: &Metrics) {
+        let site = self.site.as_str();
+        metrics.add(&catalogue::BATCHES, &[site], 1);
+        for (outcome, count) in self.samples.by_outcome() {
+            if count > 0 {
+                metrics.add(&catalogue::SAMPLES, &[site, outcome], count);
+            }
+        }
+        metrics.set(
+            &catalogue::SAMPLE_TIMESTAMP,
+            &[site],
+            seconds(self.newest_ns),
+        );
+        metrics.set(&catalogue::SAMPLE_LAG, &[site], seconds(self.lag_ns));
+        trace!(site, stream = self.stream, samples = ?self.samples, "batch taken in");
+        if self.samples.late > 0 {
+            debug!(
+                site,
+                stream = self.stream,
+                samples = self.samples.late,
+                "samples discarded: later than the lag time"
+            );
+        }
+        if self.lost_before > 0 {
+            metrics.add(&catalogue::BATCHES_LOST, &[site], self.lost_before);
+            warn!(
+                site,
+                stream = self.stream,
+                batches = self.lost_before,
+                "batches never arrived"
+            );
+        }
+    }
+}
+
+impl SampleCounts {
+    /// Each count with its label.
+    #[must_use]
+    pub const fn by_outcome(&self) -> [(&'static str, u64); 7] {
+        [
+            ("accepted", self.accepted),
+            ("late", self.late),
+            ("duplicate", self.duplicate),
+            ("out_of_order", self.out_of_order),
+            ("unusable", self.unusable),
+            ("missing", self.missing),
+            ("refused", self.refused),
+        ]
+    }
+}
+
+/// A recording was read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingTaken {
+    /// Site.
+    pub site: String,
+    /// Recorder, from the key.
+    pub recorder: String,
+    /// Phasors in it.
+    pub samples: usize,
+    /// Disturbances found in it.
+    pub windows: usize,
+}
+
+impl Occurrence for RecordingTaken {
+    fn emit(&self, metrics: &Metrics) {
+        metrics.add(&catalogue::RECORDINGS, &[&self.site], 1);
+        info!(
+            site = self.site,
+            recorder = self.recorder,
+            samples = self.samples,
+            windows = self.windows,
+            "recording taken in"
+        );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        let (site, recorder) = (&self.site, &self.recorder);
+        Some(format!(
+            "{site}: recording of {recorder} taken in, {} phasors",
+            self.samples
+        ))
+    }
+}
+
+/// A payload could not be understood or belongs to nobody.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PayloadRefused {
+    /// Where it came from.
+    pub source: Source,
+    /// Key it came on.
+    pub key: String,
+    /// Word for the metric, from a closed list.
+    pub reason: &'static str,
+    /// What was wrong, in words.
+    pub error: String,
+}
+
+impl Occurrence for PayloadRefused {
+    fn emit(&self, metrics: &Metrics) {
+        metrics.add(
+            &catalogue::PAYLOADS_REFUSED,
+            &[self.source.name(), self.reason],
+            1,
+        );
+        warn!(
+            key = self.key,
+            reason = self.reason,
+            error = self.error,
+            "payload refused"
+        );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!("refused a payload on {}: {}", self.key, self.error))
+    }
+}
+
+/// The intake queue was full.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MessagesDropped {
+    /// What was dropped.
+    pub source: Source,
+    /// How many since the last report.
+    pub messages: u64,
+}
+
+impl Occurrence for MessagesDropped {
+    fn emit(&self, metrics: &Metrics) {
+        metrics.add(
+            &catalogue::MESSAGES_DROPPED,
+            &[self.source.name()],
+            self.messages,
+        );
+        error!(
+            source = self.source.name(),
+            messages = self.messages,
+            "messages dropped: the intake queue was full"
+        );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "dropped {} messages: the intake queue was full",
+            self.messages
+        ))
+    }
+}
+
+/// Nanoseconds as seconds, for gauges.
+pub(super) fn seconds(nanoseconds: i64) -> f64 {
+    nanoseconds as f64 / 1e9
+}
