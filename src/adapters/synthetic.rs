@@ -10,16 +10,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use jiff::Timestamp;
 use serde_json::{Value, json};
 
+use super::recordings::site_folder::{self, FolderEvent, Intake};
 use crate::{
-    measurement::{Quality, Record},
+    measurement::Record,
     truth::{EventTruth, LoadBaseParameters, MotorCircuit, SyntheticSite, Zip},
 };
-
-/// STAT bits are the low half of [`Quality`]; what intake adds never leaves the program.
-const STAT_BITS: u32 = 0xFFFF;
 
 /// Where a synthetic site was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -34,10 +31,13 @@ pub struct WrittenSite {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SyntheticError {
-    /// A directory or file could not be written.
+    /// The site folder could not be written.
+    #[error(transparent)]
+    Folder(#[from] site_folder::Error),
+    /// The truth file could not be written.
     #[error("cannot write {}", .path.display())]
-    Write {
-        /// What was to be written.
+    Truth {
+        /// The file.
         path: PathBuf,
         /// What the system said.
         source: io::Error,
@@ -63,7 +63,7 @@ pub enum SyntheticError {
 /// # Errors
 ///
 /// [`SyntheticError::Name`], [`SyntheticError::Occupied`] before anything is written,
-/// [`SyntheticError::Write`] naming the path.
+/// [`SyntheticError::Folder`] and [`SyntheticError::Truth`] naming the path.
 pub fn write(site: &SyntheticSite, parent: &Path) -> Result<WrittenSite, SyntheticError> {
     let name = checked_name(&site.options.site.name)?;
     let folder = parent.join(name);
@@ -71,21 +71,14 @@ pub fn write(site: &SyntheticSite, parent: &Path) -> Result<WrittenSite, Synthet
         return Err(SyntheticError::Occupied { path: folder });
     }
     let truth = parent.join(format!("{name}.truth.json"));
-    let failed = |path: &Path| {
-        let path = path.to_path_buf();
-        move |source| SyntheticError::Write { path, source }
-    };
-    fs::create_dir_all(&folder).map_err(failed(&folder))?;
-    for (index, record) in site.records.iter().enumerate() {
-        let path = folder.join(event_file(index));
-        fs::write(&path, csv(record)).map_err(failed(&path))?;
-    }
-    for (path, document) in [
-        (folder.join("site.json"), description(site)),
-        (truth.clone(), truth_document(site)),
-    ] {
-        fs::write(&path, format!("{document:#}\n")).map_err(failed(&path))?;
-    }
+    let events: Vec<_> = site.records.iter().enumerate().map(folder_event).collect();
+    let options = &site.options;
+    site_folder::write(&folder, &options.site, options.rate_fps, &events)?;
+    let document = format!("{:#}\n", truth_document(site));
+    fs::write(&truth, document).map_err(|source| SyntheticError::Truth {
+        path: truth.clone(),
+        source,
+    })?;
     Ok(WrittenSite { folder, truth })
 }
 
@@ -106,70 +99,21 @@ pub fn checked_name(name: &str) -> Result<&str, SyntheticError> {
     }
 }
 
+fn event_name(index: usize) -> String {
+    format!("event_{:02}", index + 1)
+}
+
 fn event_file(index: usize) -> String {
-    format!("event_{:02}.csv", index + 1)
+    format!("{}.csv", event_name(index))
 }
 
-/// Rows of a record; a missing sample has no row, a value that is not a number an empty cell.
-fn csv(record: &Record) -> String {
-    let mut text = String::from("time_s,v_pu,angle_deg,freq_hz,p_pu,q_pu,stat\n");
-    for (index, sample) in record.samples.iter().enumerate() {
-        if sample.quality.contains(Quality::MISSING) {
-            continue;
-        }
-        let cells = [
-            cell(index as f64 / record.rate_fps, 6),
-            cell(sample.voltage_pu, 6),
-            cell(sample.angle_rad.to_degrees(), 4),
-            cell(sample.frequency_hz, 5),
-            cell(sample.active_pu, 6),
-            cell(sample.reactive_pu, 6),
-            (sample.quality.0 & STAT_BITS).to_string(),
-        ];
-        text.push_str(&cells.join(","));
-        text.push('\n');
+fn folder_event((index, record): (usize, &Record)) -> FolderEvent {
+    FolderEvent {
+        name: event_name(index),
+        utc_ns: Some(record.start_ns),
+        record: record.clone(),
+        intake: Intake::default(),
     }
-    text
-}
-
-fn cell(value: f64, decimals: usize) -> String {
-    if value.is_finite() {
-        format!("{value:.decimals$}")
-    } else {
-        String::new()
-    }
-}
-
-fn description(site: &SyntheticSite) -> Value {
-    let of = &site.options.site;
-    let events: Vec<_> = site
-        .records
-        .iter()
-        .enumerate()
-        .map(|(index, record)| json!({ "file": event_file(index), "utc": utc(record.start_ns) }))
-        .collect();
-    json!({
-        "site": of.name,
-        "sample_rate_fps": site.options.rate_fps,
-        "nominal_hz": of.nominal_hz,
-        "base_mva": of.s_base_mva,
-        "base_kv": of.v_base_kv,
-        "columns": {
-            "time_s": "seconds from window start",
-            "v_pu": "positive-sequence magnitude / base_kv",
-            "angle_deg": "relative to nominal-frequency frame",
-            "freq_hz": "bus frequency",
-            "p_pu": "real power into the load / base_mva",
-            "q_pu": "reactive power into the load / base_mva",
-            "stat": "0 good; 32768 data invalid; 8192 time sync lost; 16 stale/interpolated",
-        },
-        "events": events,
-    })
-}
-
-fn utc(time_ns: i64) -> String {
-    Timestamp::from_nanosecond(i128::from(time_ns))
-        .map_or_else(|_| time_ns.to_string(), |time| time.to_string())
 }
 
 fn truth_document(site: &SyntheticSite) -> Value {
@@ -317,21 +261,23 @@ mod tests {
     }
 
     #[test]
-    fn a_gap_has_no_rows_and_a_value_that_is_no_number_an_empty_cell() {
+    fn what_was_written_is_read_back_with_every_flag_but_those_of_intake() {
+        let parent = tempfile::tempdir().unwrap();
         let site = site("synthetic-1");
-        let index = site.truth.iter().position(|t| t.bad_samples.is_none());
-        let mut record = site.records[index.unwrap_or(0)].clone();
-        let sample = &mut record.samples[5];
-        sample.active_pu = f64::NAN;
-        sample.quality = Quality::NOT_FINITE;
-        let gap = record.samples[7].time_ns;
-        record.samples[7] = crate::measurement::Sample::missing(gap);
-        let text = csv(&record);
-        let rows: Vec<_> = text.lines().collect();
-        assert_eq!(rows.len(), record.samples.len());
-        let cells: Vec<_> = rows[6].split(',').collect();
-        assert_eq!((cells[4], cells[6]), ("", "0"));
-        assert!(rows[8].starts_with("0.133333,"), "{}", rows[8]);
+        let written = write(&site, parent.path()).unwrap();
+        let folder = site_folder::load_events(&written.folder).unwrap();
+        assert_eq!(folder.site, site.options.site);
+        assert_eq!(folder.notes.len(), 0);
+        for (event, record) in folder.events.iter().zip(&site.records) {
+            assert_eq!(event.record.start_ns, record.start_ns);
+            for (read, made) in event.record.samples.iter().zip(&record.samples) {
+                assert_eq!(read.usable(), made.usable(), "{made:?}");
+                if made.usable() {
+                    assert!((read.active_pu - made.active_pu).abs() < 1e-8);
+                    assert!((read.angle_rad - made.angle_rad).abs() < 1e-8);
+                }
+            }
+        }
     }
 
     #[test]

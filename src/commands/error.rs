@@ -9,7 +9,8 @@ use crate::{
         wire::v1::{BatchError, RecordingError},
         zenoh::ZenohError,
     },
-    daemon::{DaemonError, logging::LogError},
+    config::Problems,
+    daemon::{DaemonError, SettingsError, logging::LogError},
 };
 
 /// Why a command did not do what it was asked to.
@@ -61,6 +62,15 @@ pub enum Error {
         /// Why.
         source: RecordingError,
     },
+    /// A configuration has problems, which have been told.
+    #[error("the configuration cannot be used")]
+    UnusableConfiguration,
+    /// The configuration has problems.
+    #[error(transparent)]
+    Configuration(#[from] Problems),
+    /// The configuration asks for what cannot be done.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
     /// The command was interrupted before it was done.
     #[error("interrupted")]
     Interrupted,

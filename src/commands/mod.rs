@@ -4,6 +4,8 @@
 //! (`clap::Args`) and `run(&args, out)`, which writes its result to `out` and its troubles to the
 //! error it returns. Exit codes: 0 done, 1 failed, 64 used wrongly (`sysexits.h`).
 
+pub mod check_config;
+pub mod compare;
 mod connection;
 pub mod demo;
 mod error;
@@ -42,12 +44,16 @@ const EXIT_FAILURE: u8 = 1;
 enum Command {
     /// Run the daemon
     Run(run::RunArgs),
+    /// Tell every problem of a configuration at once; exit 1 when there is one
+    CheckConfig(check_config::CheckConfigArgs),
     /// Show all of it on this machine: daemon, bundled recordings replayed live, page
     Demo(demo::DemoArgs),
     /// Publish recordings over zenoh with their original timing or faster
     Replay(replay::ReplayArgs),
     /// Print parameter sets as they are published
     Subscribe(subscribe::SubscribeArgs),
+    /// Hold a model against the measurements of a site folder: table and report with plots
+    Compare(compare::CompareArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
     /// Make synthetic sites whose truth is known
@@ -61,9 +67,17 @@ enum Command {
 fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
     match command {
         Command::Run(args) => run::run(&args),
+        Command::CheckConfig(args) => {
+            if check_config::run(&args, out)? {
+                Ok(())
+            } else {
+                Err(Error::UnusableConfiguration)
+            }
+        }
         Command::Demo(args) => demo::run(&args, out),
         Command::Replay(args) => replay::run(&args, out),
         Command::Subscribe(args) => subscribe::run(&args, out),
+        Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),

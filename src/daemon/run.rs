@@ -92,6 +92,7 @@ pub struct Daemon {
     board: Arc<StatusBoard>,
     store: Arc<dyn Store>,
     stop: CancellationToken,
+    ended: CancellationToken,
     task: JoinHandle<Result<(), DaemonError>>,
 }
 
@@ -148,6 +149,11 @@ impl Daemon {
         self.task.is_finished()
     }
 
+    /// Is ready when it has ended, for whatever reason.
+    pub async fn ended(&self) {
+        self.ended.cancelled().await;
+    }
+
     /// Waits for its end.
     ///
     /// # Errors
@@ -198,13 +204,20 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
         zenoh: endpoints.clone(),
         http: http.map(|address| address.to_string()),
     });
-    let task = tokio::spawn(the_loop.run(inbox, stop.clone(), web));
+    let ended = CancellationToken::new();
+    let guard = ended.clone().drop_guard();
+    let running = the_loop.run(inbox, stop.clone(), web);
+    let task = tokio::spawn(async move {
+        let _guard = guard;
+        running.await
+    });
     Ok(Daemon {
         endpoints,
         http,
         board,
         store,
         stop,
+        ended,
         task,
     })
 }

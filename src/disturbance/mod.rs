@@ -2,9 +2,14 @@
 //! a window can teach anything about the load.
 
 pub mod detector;
+pub mod recording;
+pub mod screening;
 pub mod window;
 
 pub use detector::{Detector, DetectorOptions, DetectorState, VoltageReference};
+pub use recording::window_of_recording;
+pub use screening::{ScreeningOptions, screen};
 pub use window::{Closing, Screening, ScreeningReason, Trigger, Window, window_id};
-pub mod stub;
-pub use stub::*;
+
+#[cfg(test)]
+mod test_data;

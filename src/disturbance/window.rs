@@ -1,5 +1,7 @@
 //! A disturbance cut out of a stream, and what screening says of it.
 
+use std::fmt;
+
 use crate::measurement::Record;
 
 /// Why a detector opened (or extended) a window.
@@ -150,7 +152,7 @@ pub enum ScreeningReason {
     },
     /// Negative-sequence voltage above the limit: an unbalanced fault.
     Unbalanced {
-        /// Largest negative-sequence ratio.
+        /// Largest negative-sequence voltage over the positive-sequence voltage before the onset.
         ratio: f64,
         /// Limit.
         limit: f64,
@@ -172,6 +174,90 @@ pub enum ScreeningReason {
         /// Mean active power before the onset, pu.
         active_pu: f64,
     },
+    /// There is no voltage before the onset: a dead bus, or a file of zeros.
+    NoVoltage {
+        /// Median voltage before the onset, pu.
+        voltage_pu: f64,
+    },
+}
+
+impl ScreeningReason {
+    /// Short name from a closed set, for documents and metrics' labels.
+    #[must_use]
+    pub const fn label(&self) -> &'static str {
+        match self {
+            Self::TooShallow { .. } => "too_shallow",
+            Self::TooManyBadSamples { .. } => "too_many_bad_samples",
+            Self::PreEventTooShort { .. } => "pre_event_too_short",
+            Self::PreEventNotSteady { .. } => "pre_event_not_steady",
+            Self::Unbalanced { .. } => "unbalanced",
+            Self::NotALoad { .. } => "not_a_load",
+            Self::PowerDoesNotFollowVoltage { .. } => "power_does_not_follow_voltage",
+            Self::NoPower { .. } => "no_power",
+            Self::NoVoltage { .. } => "no_voltage",
+        }
+    }
+}
+
+/// One plain sentence, lower case and without a full stop.
+impl fmt::Display for ScreeningReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooShallow {
+                change_pu,
+                required_pu,
+            } => write!(
+                f,
+                "the voltage changes by {change_pu:.4} pu only, and a load's response is seen from {required_pu:.4} pu on"
+            ),
+            Self::TooManyBadSamples {
+                usable_share,
+                required_share,
+            } => write!(
+                f,
+                "{:.1} % of the samples are usable, and {:.1} % are required",
+                100.0 * usable_share,
+                100.0 * required_share
+            ),
+            Self::PreEventTooShort {
+                seconds,
+                required_s,
+            } => write!(
+                f,
+                "there are {seconds:.3} s before the onset, and {required_s:.3} s are wanted to know the operating point"
+            ),
+            Self::PreEventNotSteady { voltage_range_pu } => write!(
+                f,
+                "the voltage moves by {voltage_range_pu:.4} pu before the onset"
+            ),
+            Self::Unbalanced { ratio, limit } => write!(
+                f,
+                "the negative-sequence voltage reaches {:.1} % of the voltage before the onset, above the limit of {:.1} %",
+                100.0 * ratio,
+                100.0 * limit
+            ),
+            Self::NotALoad {
+                lowest_active_pu,
+                highest_active_pu,
+            } => write!(
+                f,
+                "not a load: the active power lies between {lowest_active_pu:.4} and {highest_active_pu:.4} pu, which is generation or transit"
+            ),
+            Self::PowerDoesNotFollowVoltage { explained_share } => write!(
+                f,
+                "the voltage explains {:.0} % of the active power's change: the load itself was switched, or the fault is inside it",
+                100.0 * explained_share
+            ),
+            Self::NoPower { active_pu } => write!(
+                f,
+                "the active power before the onset is {active_pu:.5} pu, too little against its noise"
+            ),
+            Self::NoVoltage { voltage_pu } => write!(
+                f,
+                "the voltage before the onset is {voltage_pu:.4} pu: the bus is dead or the record empty"
+            ),
+        }
+    }
 }
 
 /// The verdict of screening on one window.

@@ -3,9 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    ErrorSummary, EventErrors,
-    intake::PreparedEvent,
-    joint_problem::{linear_rows, reactive_at_rest},
+    ErrorSummary, EventErrors, gram::linear_rows, intake::PreparedEvent,
+    joint_problem::reactive_at_rest,
 };
 use crate::load_model::{Infeasible, LinearCoefficients, MotorCoordinates, MotorOutput};
 

@@ -14,7 +14,10 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-use super::intake::PreparedEvent;
+use super::{
+    gram::{COLUMNS, Gram, Y, plain_gram, sensitivity_gram},
+    intake::PreparedEvent,
+};
 use crate::{
     load_model::{LinearCoefficients, MotorCoordinates, MotorOutput},
     numerics::{
@@ -27,12 +30,8 @@ use crate::{
 pub const OUTER: usize = 3;
 /// Linear coefficients.
 pub const LINEAR: usize = LinearCoefficients::COUNT;
-/// Columns of an event's Gram matrix: outer sensitivities, linear, two operating-point offsets, y.
-const COLUMNS: usize = OUTER + LINEAR + 2 + 1;
+/// Random effects of an event: its linear coefficients and its two operating-point offsets.
 const RANDOM: usize = LINEAR + 2;
-const Y: usize = COLUMNS - 1;
-
-type Gram = SMatrix<f64, COLUMNS, COLUMNS>;
 
 /// Names of the outer unknowns, in order.
 pub const OUTER_NAMES: [&str; OUTER] = ["ln_alpha", "ln_nu", "kappa"];
@@ -150,6 +149,7 @@ impl<'a> JointProblem<'a> {
         };
         let mut out = MotorOutput::default();
         let mut sum = Gram::zeros();
+        let scaled = self.options.frequency_scaled_power;
         for event in self.events {
             if (self.cancel)() {
                 return None;
@@ -157,16 +157,7 @@ impl<'a> JointProblem<'a> {
             self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(
-                event,
-                &gram(
-                    event,
-                    &out,
-                    rest,
-                    self.options.frequency_scaled_power,
-                    |d| d.derivatives,
-                ),
-            );
+            sum += self.marginal(event, &sensitivity_gram(event, &out, rest, scaled));
         }
         self.solve(&sum).filter(|p| p.objective.is_finite())
     }
@@ -175,6 +166,7 @@ impl<'a> JointProblem<'a> {
         let motor = motor_coordinates(x);
         let mut out = MotorOutput::default();
         let mut sum = Gram::zeros();
+        let scaled = self.options.frequency_scaled_power;
         for event in self.events {
             if (self.cancel)() {
                 return None;
@@ -182,16 +174,7 @@ impl<'a> JointProblem<'a> {
             self.simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(
-                event,
-                &gram(
-                    event,
-                    &out,
-                    rest,
-                    self.options.frequency_scaled_power,
-                    |_| [0.0; OUTER],
-                ),
-            );
+            sum += self.marginal(event, &plain_gram(event, &out, rest, scaled));
         }
         let (h, g) = self.linear_system(&sum);
         let beta = self.linear_optimum(&h, &g)?;
@@ -355,52 +338,4 @@ pub fn motor_coordinates(x: &DVector<f64>) -> MotorCoordinates<f64> {
 pub(super) fn reactive_at_rest<S: Scalar>(motor: &MotorCoordinates<S>) -> S {
     let root = (S::constant(1.0) - motor.kappa * motor.kappa).sqrt();
     (S::constant(1.0) - root) / motor.kappa
-}
-
-/// Columns of the linear model (10) at sample `k`, P row then Q row.
-pub(super) fn linear_rows(voltage: f64, active: f64, reactive_change: f64) -> [[f64; LINEAR]; 2] {
-    let (square, line) = (voltage * voltage - 1.0, voltage - 1.0);
-    [
-        [active - 1.0, square, line, 0.0, 0.0],
-        [reactive_change, 0.0, 0.0, square, line],
-    ]
-}
-
-fn gram<S: Scalar>(
-    event: &PreparedEvent,
-    out: &MotorOutput<S>,
-    rest: S,
-    frequency_scaled: bool,
-    derivatives: impl Fn(S) -> [f64; OUTER],
-) -> Gram {
-    let mut sum = Gram::zeros();
-    let q0 = event.q0_pu / event.p0_pu;
-    for k in (0..event.len()).filter(|&k| event.used[k]) {
-        let reactive = out.reactive[k] - rest;
-        let active = if frequency_scaled {
-            out.active[k] * (1.0 + event.frequency_deviation[k])
-        } else {
-            out.active[k]
-        };
-        let rows = linear_rows(event.voltage[k], active.value(), reactive.value());
-        let measured = [event.active[k] - 1.0, event.reactive[k] - q0];
-        let deviation = [event.active_deviation[k], event.reactive_deviation[k]];
-        let sensitivity = [derivatives(active), derivatives(reactive)];
-        for channel in 0..2 {
-            let mut row = [0.0; COLUMNS];
-            row[..OUTER].copy_from_slice(&sensitivity[channel]);
-            row[OUTER..OUTER + LINEAR].copy_from_slice(&rows[channel]);
-            row[OUTER + LINEAR + channel] = 1.0;
-            row[Y] = measured[channel];
-            let weight = 1.0 / (deviation[channel] * deviation[channel]);
-            for i in 0..COLUMNS {
-                let scaled = weight * row[i];
-                for j in i..COLUMNS {
-                    sum[(i, j)] += scaled * row[j];
-                }
-            }
-        }
-    }
-    sum.fill_lower_triangle_with_upper_triangle();
-    sum
 }

@@ -8,6 +8,7 @@ pub mod errors;
 pub mod estimates;
 pub mod evaluate;
 pub mod fit;
+mod gram;
 pub mod hold_out;
 pub mod identify;
 pub mod intake;

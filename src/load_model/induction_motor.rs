@@ -110,8 +110,8 @@ impl<S: Scalar> MotorCoordinates<S> {
         out.active.clear();
         out.reactive.clear();
         for sample in 0..input.sample_count() {
-            let origin = (sample * input.points_per_sample) as f64;
-            let u = input.at(origin);
+            let origin = sample * input.points_per_sample;
+            let u = input.point(origin);
             let [active, reactive] = power(strength, state, u);
             out.active.push(active);
             out.reactive.push(reactive);
@@ -124,11 +124,9 @@ impl<S: Scalar> MotorCoordinates<S> {
                 ordinary
             };
             let step_s = input.sample_interval_s / substeps as f64;
-            let stride = input.points_per_sample as f64 / substeps as f64;
             let mut left = u;
             for j in 0..substeps {
-                let from = origin + j as f64 * stride;
-                let (middle, right) = (input.at(from + 0.5 * stride), input.at(from + stride));
+                let [middle, right] = input.ahead(origin, j, substeps);
                 state = self.runge_kutta_step(state, start[1], [left, middle, right], step_s);
                 if state[2].value() < slowest {
                     state[2] = S::constant(slowest);

@@ -204,6 +204,8 @@ pub fn minimise(
         damping_growth: 2.0,
         scale: DVector::zeros(start.len()),
         fraction: 1.0,
+        leap_pause: 0,
+        leap_patience: 1,
         last_was_rejected: false,
     };
     let x = bounds.clamped(start);
@@ -229,6 +231,16 @@ const SMALL_GAINS_MAX: u32 = 3;
 const DAMPING_MAX: f64 = 1e20;
 /// Damping below which it is lost in the rounding of the curvature.
 const DAMPING_MIN: f64 = 1e-15;
+
+/// A step creeps when it gains less than this part of what the undamped model promised.
+const CREEPING_PART: f64 = 0.3;
+/// Steps in a row that creep before a leap is tried.
+const CREEPING_STEPS: u32 = 3;
+/// Damping of a leap relative to that of the creep: a valley's length to its width, squared.
+/// Measured on Rosenbrock's valley, where 1e-3 and 1e-2 gain less; on the NIST problems leaps cost
+/// or save a tenth.
+const LEAP_DAMPING: f64 = 1e-5;
+const LEAP_PAUSE_MAX: u32 = 32;
 
 struct Iterate {
     x: DVector<f64>,
@@ -265,60 +277,129 @@ struct Solver<'a> {
     scale: DVector<f64>,
     /// Part of a step that is tried first; below 1 near the edge of the objective's domain.
     fraction: f64,
+    /// Steps until the next leap may be tried, and how many it will be after a failure.
+    leap_pause: u32,
+    leap_patience: u32,
     last_was_rejected: bool,
 }
 
 impl Solver<'_> {
     fn descend(&mut self, mut at: Iterate) -> (Iterate, Termination) {
-        let mut small_gains = 0;
+        let (mut small_gains, mut creeping) = (0, 0);
         loop {
             let model = self.model(&at);
             let tolerance = self.tolerance(at.expansion.value);
-            let moved = match model.promise() {
-                Some(promised) if promised <= tolerance => {
-                    return (
-                        at,
-                        Termination::PromiseSmall {
-                            promised,
-                            tolerance,
-                        },
-                    );
-                }
-                None if model.gradient_promise() <= tolerance => self.leave_saddle(&at, &model),
-                _ => self.step(&at, &model),
-            };
-            match moved {
-                Move::End(termination) => return (at, termination),
-                Move::To { next, shortened } => {
-                    let gained = at.expansion.value - next.expansion.value;
-                    at = next;
-                    small_gains = if gained <= tolerance {
-                        small_gains + 1
-                    } else {
-                        0
-                    };
-                    if small_gains >= SMALL_GAINS_MAX {
-                        return (at, Termination::of_small_gain(shortened, gained, tolerance));
-                    }
-                }
+            let promise = model.promise();
+            if let Some(promised) = promise.filter(|promised| *promised <= tolerance) {
+                return (
+                    at,
+                    Termination::PromiseSmall {
+                        promised,
+                        tolerance,
+                    },
+                );
             }
+            let moved = if promise.is_none() && model.gradient_promise() <= tolerance {
+                self.leave_saddle(&at, &model)
+            } else if creeping >= CREEPING_STEPS {
+                self.leap(&at, &model)
+                    .unwrap_or_else(|| self.step(&at, &model))
+            } else {
+                self.step(&at, &model)
+            };
+            let (next, shortened) = match moved {
+                Move::End(termination) => return (at, termination),
+                Move::To { next, shortened } => (next, shortened),
+            };
+            let gained = at.expansion.value - next.expansion.value;
+            at = next;
+            small_gains = if gained <= tolerance {
+                small_gains + 1
+            } else {
+                0
+            };
+            if small_gains >= SMALL_GAINS_MAX {
+                return (at, Termination::of_small_gain(shortened, gained, tolerance));
+            }
+            let creeps = promise.is_some_and(|promised| gained < CREEPING_PART * promised);
+            creeping = if creeps && !shortened {
+                creeping + 1
+            } else {
+                0
+            };
         }
     }
 
+    /// Out of a creep along a curved valley, where every step that must not rise is short: a step
+    /// with far less damping, which may rise if the one after it lands below where the first began
+    /// (the watchdog technique of Chamberlain and others, 1982). After a failure twice as many
+    /// steps pass before the next attempt. On Rosenbrock's valley with steepness 1e4 this takes 17
+    /// evaluations instead of 1000.
+    fn leap(&mut self, at: &Iterate, model: &Model<'_>) -> Option<Move> {
+        if self.leap_pause > 0 {
+            self.leap_pause -= 1;
+            return None;
+        }
+        let damping = (self.damping * LEAP_DAMPING).max(DAMPING_MIN);
+        let mut far = self.lightly_damped_move(&at.x, model, damping);
+        if let Some(above) = far.take_if(|far| far.expansion.value >= at.expansion.value) {
+            let model = self.model_without_memory(&above);
+            far = self
+                .lightly_damped_move(&above.x, &model, damping)
+                .filter(|far| far.expansion.value < at.expansion.value);
+        }
+        if let Some(next) = far {
+            self.counted.cost.steps_accepted += 1;
+            self.damping = damping;
+            self.leap_patience = 1;
+            return Some(Move::To {
+                next,
+                shortened: false,
+            });
+        }
+        self.counted.cost.steps_rejected += 1;
+        self.leap_pause = self.leap_patience;
+        self.leap_patience = (2 * self.leap_patience).min(LEAP_PAUSE_MAX);
+        None
+    }
+
+    /// Where a step with this damping leads, whether down or up.
+    fn lightly_damped_move(
+        &mut self,
+        x: &DVector<f64>,
+        model: &Model<'_>,
+        damping: f64,
+    ) -> Option<Iterate> {
+        if self.interruption().is_some() {
+            return None;
+        }
+        let x = self.bounds.snapped(&(x + model.damped_step(damping)?));
+        let expansion = self.counted.expansion(&x)?;
+        Some(Iterate { x, expansion })
+    }
+
     /// The quadratic model at an iterate. A scale that has just been large is not forgotten at
-    /// once: measured on the NIST problems, that saves a third of the steps in curved valleys.
+    /// once: measured on NIST's MGH09, that saves a third of the evaluations (131 to 87).
     fn model<'i>(&mut self, at: &'i Iterate) -> Model<'i>
     where
         Self: 'i,
     {
-        let scale = scale(&at.expansion.curvature, &self.spans).sup(&(&self.scale * 0.5));
-        self.scale.copy_from(&scale);
+        let mut model = self.model_without_memory(at);
+        model.scale = model.scale.sup(&(&self.scale * 0.5));
+        self.scale.copy_from(&model.scale);
+        model
+    }
+
+    fn model_without_memory<'i>(&self, at: &'i Iterate) -> Model<'i>
+    where
+        Self: 'i,
+    {
         Model {
             at: &at.expansion,
             x: &at.x,
             bounds: self.bounds,
             free: free_coordinates(&at.x, &at.expansion.gradient, self.bounds),
-            scale,
+            scale: scale(&at.expansion.curvature, &self.spans),
         }
     }
 

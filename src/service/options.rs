@@ -16,7 +16,7 @@ pub struct ServiceOptions {
     pub instance: String,
     /// Parts of the model that are fitted. Default `["zip", "induction_motor"]`.
     pub structure: Vec<String>,
-    /// Usable events from which on a site is fitted jointly. Default 2, at least 1: with one
+    /// Usable events from which on a site is fitted jointly. Default 4, at least 1: with one
     /// event there is nothing to hold out, and the set can only be published as unvalidated.
     pub joint_events_min: usize,
     /// Events that enter a joint fit, newest first. Default 40, 1 to 1000.
@@ -59,7 +59,7 @@ impl Default for ServiceOptions {
         Self {
             instance: "loadmodeld".to_owned(),
             structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
-            joint_events_min: 2,
+            joint_events_min: 4,
             joint_events_max: 40,
             settle_ns: 30 * SECOND_NS,
             workers: 1,

@@ -183,9 +183,9 @@ fn damped(
 
 #[cfg(test)]
 mod tests {
-    use super::{
-        super::{MotorCircuit, Network, Zip, motor::Motor, static_load::StaticLoad},
-        *,
+    use super::*;
+    use crate::truth::{
+        MotorCircuit, Network, Zip, load::Part, motor::Motor, static_load::StaticLoad,
     };
 
     const W0: f64 = 376.991_118_430_775_2;
@@ -203,9 +203,9 @@ mod tests {
     fn simulation(options: IntegratorOptions) -> Simulation {
         let voltage = Phasor::from_polar(0.99, -0.3);
         let motor = Motor::at_operating_point(MotorCircuit::default(), 0.4, voltage, W0).unwrap();
-        let state = super::super::load::Part::initial_state(&motor);
+        let state = motor.initial_state();
         let motor_power = {
-            let current = super::super::load::Part::current(&motor, voltage, &state);
+            let current = motor.current(voltage, &state);
             voltage * current.conj()
         };
         let total = Phasor::new(0.9, 0.3);

@@ -17,6 +17,8 @@ const STYLE: &str = include_str!("report.css");
 /// Nothing may be loaded from anywhere; the page needs its own style only.
 const CONTENT_SECURITY_POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'";
+/// Derived quantities so named are of interest to whoever examines the search.
+const COORDINATE_PREFIX: &str = "coordinate_";
 const VOLTAGE_BINS: usize = 12;
 
 /// What a report is made of.
@@ -30,6 +32,8 @@ pub struct Report<'a> {
     pub rival: Option<Rival<'a>>,
     /// What the search that led to the set left behind.
     pub search: Option<Search<'a>>,
+    /// Events that could not be compared, with the reason.
+    pub left_out: &'a [(String, String)],
 }
 
 /// Another set on the same events.
@@ -80,7 +84,14 @@ pub fn render(report: &Report<'_>) -> Result<String, ReportError> {
             }
             body { main {
                 (head(report))
-                section { h2 { "Errors" } (tables::errors(set, report.comparisons, report.rival.as_ref())) }
+                section {
+                    h2 { "Errors" }
+                    (tables::errors(set, report.comparisons, report.rival.as_ref()))
+                    @if !report.left_out.is_empty() {
+                        p { "Left out:" }
+                        ul { @for (event, reason) in report.left_out { li { strong { (event) } ": " (reason) } } }
+                    }
+                }
                 (parameters(report))
                 (overview(report)?)
                 (events(report)?)
@@ -181,12 +192,23 @@ fn parameters(report: &Report<'_>) -> Markup {
     let (set, rival) = (report.set, report.rival.as_ref());
     let beside = rival.map(|rival| (rival.label, rival.set.parameters.as_slice()));
     let derived_beside = rival.map(|rival| (rival.label, rival.set.derived.as_slice()));
+    let all: Vec<_> = set.parameters.iter().collect();
+    let (coordinates, engineering): (Vec<_>, Vec<_>) = set
+        .derived
+        .iter()
+        .partition(|estimate| estimate.name.starts_with(COORDINATE_PREFIX));
     html! {
         section {
             h2 { "Parameters" }
-            (tables::parameters("Parameters of the model", &set.parameters, beside))
-            @if !set.derived.is_empty() {
-                (tables::parameters("In a study engineer's units, and what the data determine", &set.derived, derived_beside))
+            (tables::parameters("Parameters of the model", &all, beside))
+            @if !engineering.is_empty() {
+                (tables::parameters("In a study engineer's units", &engineering, derived_beside))
+            }
+            @if !coordinates.is_empty() {
+                details {
+                    summary { "What the data determine" }
+                    (tables::parameters("Coordinates of the search", &coordinates, derived_beside))
+                }
             }
         }
     }
@@ -335,6 +357,7 @@ mod tests {
             comparisons: &comparisons(),
             rival: None,
             search: None,
+            left_out: &[],
         })
         .unwrap()
     }
@@ -414,6 +437,7 @@ mod tests {
                 comparisons: &comparisons[..1],
             }),
             search: None,
+            left_out: &[],
         })
         .unwrap();
         assert!(page.contains("before: residual over noise"));

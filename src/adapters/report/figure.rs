@@ -15,10 +15,10 @@ use super::number;
 /// down keeps curves smooth. Chosen: a quarter of a CSS pixel is below what a screen shows.
 const OVERSAMPLING: u32 = 4;
 const LABEL_FONT_PX: u32 = 15;
-const TITLE_STRIP_PX: u32 = 22;
+const TITLE_STRIP_PX: u32 = 28;
 const TIME_AXIS_PX: u32 = 44;
-const VALUE_AXIS_PX: u32 = 66;
-const RIGHT_MARGIN_PX: u32 = 12;
+const VALUE_AXIS_PX: u32 = 70;
+const RIGHT_MARGIN_PX: u32 = 20;
 
 /// Why a report could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -235,7 +235,7 @@ impl Figure {
     ) -> Result<(), DrawingAreaErrorKind<io::Error>> {
         let title = text_style(LABEL_FONT_PX, Ink::Text);
         let left = i32::try_from(VALUE_AXIS_PX * OVERSAMPLING).unwrap_or(0);
-        area.draw_text(&panel.title, &title, (left, 12))?;
+        area.draw_text(&panel.title, &title, (left, 28))?;
         let mut chart = ChartBuilder::on(area)
             .margin_top(TITLE_STRIP_PX * OVERSAMPLING)
             .margin_right(RIGHT_MARGIN_PX * OVERSAMPLING)

@@ -12,7 +12,7 @@ const DIP_S: f64 = 0.2;
 const NOISE_PU: f64 = 0.001;
 
 /// An event of 10 s with a dip to `lowest` from 0 s to 0.2 s.
-pub(super) fn comparison(event: &str, lowest: f64) -> Comparison {
+pub(crate) fn comparison(event: &str, lowest: f64) -> Comparison {
     let time_s: Vec<_> = (0..600)
         .map(|k| f64::from(k) / RATE_FPS - ONSET_S)
         .collect();
@@ -57,7 +57,7 @@ pub(super) fn comparison(event: &str, lowest: f64) -> Comparison {
 }
 
 /// An event of which nothing is left.
-pub(super) fn without_samples(event: &str) -> Comparison {
+pub(crate) fn without_samples(event: &str) -> Comparison {
     Comparison {
         event: event.to_owned(),
         onset_ns: 0,
@@ -95,7 +95,7 @@ fn errors(event: &str, lowest_voltage: f64) -> EventErrors {
 }
 
 /// A set fitted on `event_01` and `event_02` and validated on `event_03`.
-pub(super) fn parameter_set() -> ParameterSet {
+pub(crate) fn parameter_set() -> ParameterSet {
     let summary = |events: &[&str]| ErrorSummary {
         eps_p_percent: 0.21,
         eps_q_percent: 0.62,

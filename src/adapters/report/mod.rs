@@ -15,7 +15,8 @@ mod sentence;
 mod tables;
 
 #[cfg(test)]
-mod fixture;
+pub(crate) mod fixture;
 
 pub use document::{Report, Rival, Search, render};
 pub use figure::ReportError;
+pub use tables::role;

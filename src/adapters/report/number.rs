@@ -18,9 +18,9 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
     fixed(value, decimals_for(magnitude, digits))
 }
 
-/// `value` as short as it can be said with six significant digits: `200`, `59.94`.
+/// `value` as short as it can be said with five significant digits: `200`, `59.94`.
 pub(super) fn short(value: f64) -> String {
-    let text = significant(value, 6);
+    let text = significant(value, 5);
     if text.contains('.') && !text.contains('e') {
         return text.trim_end_matches('0').trim_end_matches('.').to_owned();
     }

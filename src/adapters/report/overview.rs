@@ -10,8 +10,10 @@ use super::{
 use crate::identification::{Comparison, ParameterSet};
 
 const WIDTH_PX: u32 = 620;
-/// Points of one panel of residuals against voltage.
-const SCATTER_POINTS_MAX: usize = 900;
+/// Residuals against voltage are thinned voltage by voltage, so that the few samples of a dip stay
+/// while the many at rest do not fill the page.
+const SCATTER_BINS: usize = 60;
+const SCATTER_POINTS_PER_BIN_MAX: usize = 24;
 
 /// Error to noise of every event against its lowest voltage.
 pub(super) fn severity_ladder(set: &ParameterSet, comparisons: &[Comparison]) -> Figure {
@@ -164,11 +166,6 @@ fn scatter_panel(power: Power, comparisons: &[&Comparison]) -> Panel {
     }
     let (low, high) = extent(points.iter().map(|(_, residual)| *residual));
     let half = low.abs().max(high.abs());
-    let order: Vec<_> = (0..points.len()).collect();
-    let points = decimate::thinned(&order, SCATTER_POINTS_MAX)
-        .into_iter()
-        .map(|k| points[k])
-        .collect();
     Panel {
         title: format!("Residual of {}, pu", power.letter()),
         height_px: 150,
@@ -184,13 +181,29 @@ fn scatter_panel(power: Power, comparisons: &[&Comparison]) -> Panel {
                 ink: Ink::Axis,
             },
             Mark::Points {
-                points,
+                points: thinned_by_voltage(&points),
                 ink: Ink::Model,
                 shape: Shape::Dot,
                 radius_quarter_px: 7,
             },
         ],
     }
+}
+
+fn thinned_by_voltage(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let (low, high) = extent(points.iter().map(|(voltage, _)| *voltage));
+    let width = (high - low) / SCATTER_BINS as f64;
+    let mut kept = Vec::new();
+    for bin in 0..SCATTER_BINS {
+        let from = low + bin as f64 * width;
+        let last = bin + 1 == SCATTER_BINS;
+        let inside: Vec<_> = (0..points.len())
+            .filter(|&k| points[k].0 >= from && (points[k].0 < from + width || last))
+            .collect();
+        let chosen = decimate::thinned(&inside, SCATTER_POINTS_PER_BIN_MAX);
+        kept.extend(chosen.into_iter().map(|k| points[k]));
+    }
+    kept
 }
 
 /// Means of the residuals by voltage.
@@ -293,6 +306,22 @@ mod tests {
                 .contains("The deepest, 03, falls to 0.600")
         );
         assert!(figure.markup().is_ok());
+    }
+
+    #[test]
+    fn thinning_keeps_the_few_samples_of_a_dip() {
+        let points: Vec<_> = (0..5000)
+            .map(|k| {
+                if k % 1000 == 7 {
+                    (0.6, 0.5)
+                } else {
+                    (1.0, 0.0)
+                }
+            })
+            .collect();
+        let kept = thinned_by_voltage(&points);
+        assert_eq!(kept.iter().filter(|(voltage, _)| *voltage < 0.9).count(), 5);
+        assert!(kept.len() <= 5 + SCATTER_POINTS_PER_BIN_MAX);
     }
 
     #[test]

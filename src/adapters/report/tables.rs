@@ -25,7 +25,7 @@ pub(super) fn scrollable(label: &str, table: &Markup) -> Markup {
 /// Parameters with standard errors, bounds and flags; beside them the rival's values.
 pub(super) fn parameters(
     caption: &str,
-    estimates: &[ParameterEstimate],
+    estimates: &[&ParameterEstimate],
     rival: Option<(&str, &[ParameterEstimate])>,
 ) -> Markup {
     let table = html! {
@@ -148,8 +148,9 @@ pub(super) fn errors(
     scrollable("Errors of every event", &table)
 }
 
-/// What part an event played for the set.
-pub(super) fn role(set: &ParameterSet, event: &str) -> &'static str {
+/// What part `event` played for `set`: `"fitted"`, `"held out"` or `"neither"`.
+#[must_use]
+pub fn role(set: &ParameterSet, event: &str) -> &'static str {
     let named = |events: &[String]| events.iter().any(|name| name == event);
     if named(&set.fitted_events) {
         "fitted"

@@ -81,8 +81,8 @@ impl Scene {
         let cores = thread::available_parallelism().map_or(1, usize::from);
         let service = ServiceOptions {
             instance: "demo".to_owned(),
-            settle_ns: 3 * SECOND_NS,
-            silence_ns: 3 * SECOND_NS,
+            settle_ns: 4 * SECOND_NS,
+            silence_ns: 2 * SECOND_NS,
             retry_ns: 2 * SECOND_NS,
             workers: cores.min(WORKERS_MAX),
             ..ServiceOptions::default()

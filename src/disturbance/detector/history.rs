@@ -31,6 +31,8 @@ pub(super) struct FrequencyBase {
     /// Samples from the middle of the base time to the newest sample.
     to_newest: f64,
     pub(super) noise_hz: f64,
+    /// Whether at least half of the base time is known: less gives no trend.
+    pub(super) has_trend: bool,
 }
 
 impl FrequencyBase {
@@ -113,17 +115,18 @@ impl History {
         let middle = range.start + half;
         let mut late = self.frequencies(range.start..middle);
         let mut early = self.frequencies(middle..end);
-        // The trend of a base time that is not half full would be noise.
-        let trend_hz = if end < range.start + (range.end - range.start) / 2 {
-            0.0
-        } else {
+        let has_trend = 2 * all.len() >= range.end - range.start;
+        let trend_hz = if has_trend {
             (median(&mut late)? - median(&mut early)?) / half as f64
+        } else {
+            0.0
         };
         Some(FrequencyBase {
             level_hz: median(&mut all)?,
             trend_hz,
             to_newest: middle as f64,
             noise_hz,
+            has_trend,
         })
     }
 

@@ -255,10 +255,10 @@ impl OnGrid {
     /// is the reference.
     fn settle(&mut self, closing: Closing) {
         self.triggers.hold();
-        if closing == Closing::LongestReached {
-            if let Some(base) = self.history.base(&self.counts) {
-                self.reference = SlidingReference::starting_at(base.voltage_pu, base.voltages);
-            }
+        if closing == Closing::LongestReached
+            && let Some(base) = self.history.base(&self.counts)
+        {
+            self.reference = SlidingReference::starting_at(base.voltage_pu, base.voltages);
         }
     }
 }

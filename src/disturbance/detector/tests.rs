@@ -1,8 +1,9 @@
 //! Synthetic streams, and the simulated sites where they are at hand.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::*;
+use crate::disturbance::test_data::{directories, event_samples, json, shared_data};
 use crate::measurement::{
     Channel, Concentrator, ConcentratorOptions, Quality, SampleBatch, record::grid_offset_ns,
 };
@@ -318,11 +319,9 @@ const TRIMMED_S: f64 = 0.05;
 
 #[test]
 fn every_event_of_the_simulated_sites_gives_one_window_at_its_edge() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    if !data.join("sites").is_dir() {
-        println!("skipped: {} is not there", data.display());
+    let Some(data) = shared_data("sites") else {
         return;
-    }
+    };
     let mut events = 0;
     let mut faults = Vec::new();
     for folder in ["sites", "demo"] {
@@ -369,46 +368,4 @@ fn fault_of(
     let off_s = window.onset_ns() as f64 / 1e9 - edge_s;
     let tolerance_s = f64::max(2.0 / rate_fps, 2.0 / nominal_hz);
     (off_s.abs() > tolerance_s).then(|| format!("{}: onset off by {off_s:.3} s", file.display()))
-}
-
-/// The samples of a site folder's event file on a grid that starts at 0 ns.
-fn event_samples(path: &Path, rate_fps: f64) -> Vec<Sample> {
-    let mut reader = csv::Reader::from_path(path).unwrap();
-    let header = reader.headers().unwrap().clone();
-    let mut samples: Vec<Sample> = Vec::new();
-    for row in reader.records() {
-        let row = row.unwrap();
-        let cell = |name: &str| {
-            let at = header.iter().position(|column| column == name)?;
-            row[at].parse::<f64>().ok()
-        };
-        let value = |name: &str| cell(name).unwrap_or(f64::NAN);
-        let index = (value("time_s") * rate_fps).round();
-        let mut sample = Sample::missing(grid_offset_ns(index, rate_fps));
-        sample.voltage_pu = value("v_pu");
-        sample.frequency_hz = value("freq_hz");
-        sample.active_pu = value("p_pu");
-        sample.reactive_pu = value("q_pu");
-        sample.quality = Quality(cell("stat").map_or(0, |stat| format!("{stat}").parse().unwrap()));
-        while (samples.len() as f64) < index {
-            let k = samples.len() as f64;
-            samples.push(Sample::missing(grid_offset_ns(k, rate_fps)));
-        }
-        samples.push(sample);
-    }
-    samples
-}
-
-fn directories(path: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(path).unwrap();
-    let mut directories: Vec<PathBuf> = entries
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.join("site.json").is_file())
-        .collect();
-    directories.sort();
-    directories
-}
-
-fn json(path: &Path) -> serde_json::Value {
-    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }

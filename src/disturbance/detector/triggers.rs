@@ -2,7 +2,7 @@
 
 use super::{
     DetectorOptions, VoltageReference,
-    history::{Base, History, median, trigger_frequency, trigger_voltage},
+    history::{Base, FrequencyBase, History, median, trigger_frequency, trigger_voltage},
     options::Counts,
 };
 use crate::disturbance::Trigger;
@@ -83,7 +83,8 @@ impl Triggers {
         };
         if let Some(voltage_pu) = trigger_voltage(newest) {
             self.dip_and_swell(voltage_pu, reference, at);
-            if let Some(base) = base {
+            // Shorter, and its noise is not known well enough.
+            if let Some(base) = base.filter(|base| 5 * base.voltages >= at.counts.base) {
                 self.step(history, base, at);
             }
         }
@@ -172,6 +173,9 @@ impl Triggers {
         let (Some(jump_deg), Some(base)) = (at.options.phase_jump_deg, &base.frequency) else {
             return;
         };
+        if !base.has_trend {
+            return;
+        }
         let (mut sum_hz, mut count) = (0.0, 0.0);
         for back in 0..at.counts.step {
             if let Some(frequency_hz) = history.back(back).and_then(trigger_frequency) {
@@ -245,7 +249,7 @@ fn counted(count: usize, again: bool) -> usize {
 }
 
 /// Samples within the step time whose frequency is off its trend by more than noise.
-fn deviating(history: &History, base: &super::history::FrequencyBase, at: &Settings<'_>) -> usize {
+fn deviating(history: &History, base: &FrequencyBase, at: &Settings<'_>) -> usize {
     let tolerance_hz = frequency_tolerance_hz(base);
     (0..at.counts.step)
         .filter(|back| {
@@ -259,7 +263,7 @@ fn deviating(history: &History, base: &super::history::FrequencyBase, at: &Setti
 
 /// Deviation from which a frequency is no longer noise, hertz: five standard deviations, and above
 /// the resolution of the measurement.
-pub(super) fn frequency_tolerance_hz(base: &super::history::FrequencyBase) -> f64 {
+pub(super) fn frequency_tolerance_hz(base: &FrequencyBase) -> f64 {
     (5.0 * base.noise_hz).max(0.005)
 }
 

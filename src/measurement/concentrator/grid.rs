@@ -27,20 +27,19 @@ impl Grid {
     pub(super) fn through(first_ns: i64, rate_fps: f64) -> Self {
         let rate_fps = whole_if_close(rate_fps);
         let per_second = whole(rate_fps);
-        let origin_ns = match per_second {
-            None => first_ns,
-            Some(_) => {
-                let at_second = Self {
-                    rate_fps,
-                    per_second,
-                    origin_ns: 0,
-                };
-                let phase_ns = first_ns - at_second.time_ns(at_second.nearest(first_ns));
-                if phase_ns.abs() <= SNAP_NS {
-                    0
-                } else {
-                    phase_ns
-                }
+        let origin_ns = if per_second.is_none() {
+            first_ns
+        } else {
+            let at_second = Self {
+                rate_fps,
+                per_second,
+                origin_ns: 0,
+            };
+            let phase_ns = first_ns - at_second.time_ns(at_second.nearest(first_ns));
+            if phase_ns.abs() <= SNAP_NS {
+                0
+            } else {
+                phase_ns
             }
         };
         Self {

@@ -224,7 +224,7 @@ impl Concentrator {
                 .index_of(time_ns, self.options.grid_tolerance_share)
                 .is_none()
         });
-        (off_grid && self.astray_long_enough(batch)).then(|| Restart::OffGrid {
+        (off_grid && self.astray_long_enough(batch)).then_some(Restart::OffGrid {
             rate_fps: batch.rate_fps,
         })
     }

@@ -24,7 +24,8 @@ fn concentrator() -> Concentrator {
 
 /// `count` samples of some channels from grid point `first` on; every value tells where it belongs.
 fn batch(stream: &str, channels: &[Channel], first: i64, count: usize) -> SampleBatch {
-    let value = |channel: Channel, k: usize| (first + k as i64) as f64 + channel as u8 as f64 / 8.0;
+    let value =
+        |channel: Channel, k: usize| first as f64 + k as f64 + f64::from(channel as u8) / 8.0;
     SampleBatch {
         site: "here".to_owned(),
         stream: stream.to_owned(),
@@ -339,10 +340,11 @@ proptest! {
     ) {
         let voltage = &Channel::ALL[..3];
         let power = &Channel::ALL[3..];
-        let orderly: Vec<SampleBatch> = (0..80)
-            .filter(|k| !lost[*k])
-            .map(|k| {
-                let first = (k / 2 * 5) as i64;
+        let orderly: Vec<SampleBatch> = (0_i64..)
+            .zip(&lost)
+            .filter(|(_, lost)| !**lost)
+            .map(|(k, _)| {
+                let first = k / 2 * 5;
                 if k % 2 == 0 {
                     batch("bus", voltage, first, 5)
                 } else {

@@ -113,6 +113,10 @@ pub enum ReasonV1 {
         #[serde(with = "nullable")]
         active_pu: f64,
     },
+    NoVoltage {
+        #[serde(with = "nullable")]
+        voltage_pu: f64,
+    },
 }
 
 /// Writes the summary of an event as compact JSON.
@@ -234,6 +238,7 @@ impl From<&ScreeningReason> for ReasonV1 {
                 Self::PowerDoesNotFollowVoltage { explained_share }
             }
             ScreeningReason::NoPower { active_pu } => Self::NoPower { active_pu },
+            ScreeningReason::NoVoltage { voltage_pu } => Self::NoVoltage { voltage_pu },
         }
     }
 }
@@ -277,6 +282,7 @@ impl From<ReasonV1> for ScreeningReason {
                 Self::PowerDoesNotFollowVoltage { explained_share }
             }
             ReasonV1::NoPower { active_pu } => Self::NoPower { active_pu },
+            ReasonV1::NoVoltage { voltage_pu } => Self::NoVoltage { voltage_pu },
         }
     }
 }

@@ -231,6 +231,27 @@ fn every_minimum_in_four_disconnected_components_is_found() {
     }
 }
 
+#[test]
+fn two_constrained_runs_give_the_same_bits() {
+    let ellipsoid = Smoothly {
+        equalities: 0,
+        of: |[x, y, z]: [f64; 3]| {
+            (
+                [x * x + 2.0 * y * y + 4.0 * z * z - 48.0],
+                [[2.0 * x, 4.0 * y, 8.0 * z]],
+            )
+        },
+    };
+    let area = bounds(&[-8.0; 3], &[8.0; 3]);
+    let twice = || {
+        format!(
+            "{:?}",
+            run(&MINUS_VOLUME, &ellipsoid, &area, &[1.0, 1.1, 0.9])
+        )
+    };
+    assert_eq!(twice(), twice());
+}
+
 /// A start from which no feasible point can be reached: two discs that do not meet.
 #[test]
 fn contradicting_constraints_end_without_a_solution() {

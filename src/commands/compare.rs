@@ -1,0 +1,508 @@
+//! `loadmodeld compare`: model against measurement, as a table, a page, or JSON.
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    adapters::{
+        recordings::site_folder::{self, SiteFolder},
+        report::{self, Report, ReportError, Rival, Search},
+        wire::{
+            DocumentError,
+            v1::{ComparisonsV1, decode_parameter_set},
+        },
+    },
+    disturbance::Window,
+    identification::{
+        self, Comparison, ErrorSummary, EventErrors, Identification, IdentificationError,
+        IdentificationOptions, ParameterSet, Split, VerdictStatus,
+    },
+};
+
+/// Holds a model against the measurements of a site folder.
+///
+/// With --parameters the set of that file, otherwise one that is identified first. Prints a table
+/// of errors and writes one self-contained HTML report.
+#[derive(Clone, Debug, clap::Args)]
+pub struct CompareArgs {
+    /// The site folder (site.json and event_*.csv).
+    #[arg(value_name = "SITE_DIR")]
+    pub site: PathBuf,
+    /// Parameter set (JSON); without it the parameters are identified from the folder.
+    #[arg(long, value_name = "FILE")]
+    pub parameters: Option<PathBuf>,
+    /// Another parameter set (JSON) to draw beside it.
+    #[arg(long, value_name = "FILE")]
+    pub against: Option<PathBuf>,
+    /// Parts of the model to identify.
+    #[arg(
+        long,
+        value_name = "A+B",
+        default_value = "zip+induction_motor",
+        conflicts_with = "parameters"
+    )]
+    pub structure: String,
+    /// Events to fit, by name; default: all that are not held out.
+    #[arg(
+        long,
+        value_name = "EVENT,...",
+        value_delimiter = ',',
+        conflicts_with = "parameters"
+    )]
+    pub train: Vec<String>,
+    /// Events to hold out, by name; default: a third, or none with --train.
+    #[arg(
+        long,
+        value_name = "EVENT,...",
+        value_delimiter = ',',
+        conflicts_with = "parameters"
+    )]
+    pub hold_out: Vec<String>,
+    /// The HTML report to write.
+    #[arg(long, value_name = "FILE", default_value = "report.html")]
+    pub report: PathBuf,
+    /// Prints one JSON document with every sample instead of the table.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Why nothing could be compared.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CompareError {
+    /// The site folder.
+    #[error(transparent)]
+    Folder(#[from] site_folder::Error),
+    /// A parameter file cannot be read.
+    #[error("cannot read parameters from {}", .path.display())]
+    ReadParameters {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A parameter file is not what it should be.
+    #[error("{}: {source}", .path.display())]
+    Parameters {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: DocumentError,
+    },
+    /// The fit or the simulation.
+    #[error(transparent)]
+    Identification(#[from] IdentificationError),
+    /// The page could not be drawn.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+    /// The page could not be written.
+    #[error("cannot write the report to {}", .path.display())]
+    WriteReport {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The JSON document could not be made.
+    #[error(transparent)]
+    Document(#[from] DocumentError),
+    /// The JSON document could not be written.
+    #[error("cannot write the result as JSON")]
+    Json(#[from] serde_json::Error),
+    /// The terminal or pipe.
+    #[error("cannot write the result")]
+    Output(#[from] io::Error),
+}
+
+/// Compares, writes the report, prints table or JSON.
+///
+/// # Errors
+///
+/// See [`CompareError`].
+pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> {
+    let folder = site_folder::load_events(&args.site)?;
+    let windows = windows(&folder);
+    let options = options(args);
+    let source = match &args.parameters {
+        Some(path) => Source::File(read_parameters(path)?),
+        None => Source::Fit(identify(args, &folder, &windows, &options)?),
+    };
+    let comparisons = identification::compare(source.set(), &windows, &options)?;
+    let against = match &args.against {
+        Some(path) => Some(Against::new(path, &windows, &options)?),
+        None => None,
+    };
+    let left_out = left_out(&folder, &windows, &source, &comparisons);
+    let page = report::render(&Report {
+        set: source.set(),
+        comparisons: &comparisons,
+        rival: against.as_ref().map(Against::rival),
+        search: source.search(),
+        left_out: &left_out,
+    })?;
+    fs::write(&args.report, page).map_err(|source| CompareError::WriteReport {
+        path: args.report.clone(),
+        source,
+    })?;
+    if args.json {
+        serde_json::to_writer(&mut *out, &ComparisonsV1::new(source.set(), &comparisons)?)?;
+        writeln!(out)?;
+    } else {
+        print_table(source.set(), &comparisons, &left_out, out)?;
+        writeln!(out, "report {}", args.report.display())?;
+    }
+    Ok(())
+}
+
+/// Every event of the folder as a window that bears the event's name.
+pub(super) fn windows(folder: &SiteFolder) -> Vec<Window> {
+    folder
+        .events
+        .iter()
+        .map(|event| Window {
+            id: event.name.clone(),
+            ..site_folder::window(&folder.site, &event.record)
+        })
+        .collect()
+}
+
+fn options(args: &CompareArgs) -> IdentificationOptions {
+    let named = !(args.train.is_empty() && args.hold_out.is_empty());
+    let default = IdentificationOptions::default();
+    IdentificationOptions {
+        split: if named {
+            Split::Named {
+                fitted: args.train.clone(),
+                held_out: args.hold_out.clone(),
+            }
+        } else {
+            default.split.clone()
+        },
+        ..default
+    }
+}
+
+/// Where the parameters come from.
+enum Source {
+    File(ParameterSet),
+    Fit(Identification),
+}
+
+impl Source {
+    const fn set(&self) -> &ParameterSet {
+        match self {
+            Self::File(set) => set,
+            Self::Fit(identification) => &identification.set,
+        }
+    }
+
+    fn search(&self) -> Option<Search<'_>> {
+        match self {
+            Self::File(_) => None,
+            Self::Fit(identification) => Some(Search {
+                solutions: &identification.solutions,
+                directions: &identification.directions,
+                cost: identification.cost,
+            }),
+        }
+    }
+
+    fn refused(&self) -> &[(String, String)] {
+        match self {
+            Self::File(_) => &[],
+            Self::Fit(identification) => &identification.refused,
+        }
+    }
+}
+
+/// Another set on the same events.
+struct Against {
+    label: String,
+    set: ParameterSet,
+    comparisons: Vec<Comparison>,
+}
+
+impl Against {
+    fn new(
+        path: &Path,
+        windows: &[Window],
+        options: &IdentificationOptions,
+    ) -> Result<Self, CompareError> {
+        let set = read_parameters(path)?;
+        let label = path.file_stem().map_or_else(
+            || "other set".to_owned(),
+            |stem| stem.to_string_lossy().into_owned(),
+        );
+        Ok(Self {
+            label,
+            comparisons: identification::compare(&set, windows, options)?,
+            set,
+        })
+    }
+
+    fn rival(&self) -> Rival<'_> {
+        Rival {
+            label: &self.label,
+            set: &self.set,
+            comparisons: &self.comparisons,
+        }
+    }
+}
+
+fn read_parameters(path: &Path) -> Result<ParameterSet, CompareError> {
+    let document = fs::read_to_string(path).map_err(|source| CompareError::ReadParameters {
+        path: path.to_path_buf(),
+        source,
+    })?;
+    decode_parameter_set(&document).map_err(|source| CompareError::Parameters {
+        path: path.to_path_buf(),
+        source,
+    })
+}
+
+fn identify(
+    args: &CompareArgs,
+    folder: &SiteFolder,
+    windows: &[Window],
+    options: &IdentificationOptions,
+) -> Result<Identification, CompareError> {
+    let structure: Vec<_> = args
+        .structure
+        .split('+')
+        .map(|p| p.trim().to_owned())
+        .collect();
+    let spinner = indicatif::ProgressBar::new_spinner();
+    spinner.set_message(format!("identifying from {} events", windows.len()));
+    spinner.enable_steady_tick(std::time::Duration::from_millis(120));
+    let found = identification::identify(&folder.site, windows, &structure, options, &|| false);
+    spinner.finish_and_clear();
+    Ok(found?)
+}
+
+/// Events that are not in the comparison, with the reason.
+fn left_out(
+    folder: &SiteFolder,
+    windows: &[Window],
+    source: &Source,
+    comparisons: &[Comparison],
+) -> Vec<(String, String)> {
+    let unread = folder.notes.iter().filter_map(|note| match note {
+        site_folder::Note::EventLeftOut { error } => {
+            Some(("not readable".to_owned(), error.to_string()))
+        }
+        site_folder::Note::NoDate { .. } => None,
+    });
+    let reason = |event: &str| {
+        let known = source.refused().iter().find(|(name, _)| name == event);
+        known.map_or("it cannot be simulated", |(_, reason)| reason.as_str())
+    };
+    let missing = windows
+        .iter()
+        .filter(|window| comparisons.iter().all(|c| c.event != window.id))
+        .map(|window| (window.id.clone(), reason(&window.id).to_owned()));
+    unread.chain(missing).collect()
+}
+
+fn print_table(
+    set: &ParameterSet,
+    comparisons: &[Comparison],
+    left_out: &[(String, String)],
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    let widest = comparisons.iter().map(|c| c.event.chars().count()).max();
+    let width = widest.unwrap_or(0).max("held-out events".len());
+    writeln!(
+        out,
+        "site {}, structure {}",
+        set.site,
+        set.structure.join(" + ")
+    )?;
+    writeln!(
+        out,
+        "{:width$}  {:8} {:>7} {:>15} {:>15} {:>15} {:>19}",
+        "", "", "lowest", "error of P, %", "error of Q, %", "skill over ZIP", "residual over noise",
+    )?;
+    writeln!(
+        out,
+        "{:width$}  {:8} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>8} {:>10}",
+        "event", "role", "V", "window", "event", "window", "event", "P", "Q", "all", "off edges",
+    )?;
+    for comparison in comparisons {
+        let role = report::role(set, &comparison.event);
+        print_row(&comparison.event, role, &comparison.errors, width, out)?;
+    }
+    for (label, summary) in [
+        ("fitted events", Some(&set.fit)),
+        ("held-out events", set.held_out.as_ref()),
+    ] {
+        if let Some(summary) = summary {
+            print_summary(label, summary, width, out)?;
+        }
+    }
+    for (event, reason) in left_out {
+        writeln!(out, "left out: {event}: {reason}")?;
+    }
+    print_verdict(set, out)
+}
+
+fn print_row(
+    event: &str,
+    role: &str,
+    errors: &EventErrors,
+    width: usize,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    writeln!(
+        out,
+        "{event:width$}  {role:8} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>7.3} {:>8.2} {:>10.2}",
+        errors.lowest_voltage,
+        errors.eps_p_percent,
+        errors.event_eps_p_percent,
+        errors.eps_q_percent,
+        errors.event_eps_q_percent,
+        errors.skill_p,
+        errors.skill_q,
+        errors.error_to_noise,
+        errors.error_to_noise_away_from_edges,
+    )
+}
+
+fn print_summary(
+    label: &str,
+    summary: &ErrorSummary,
+    width: usize,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    writeln!(
+        out,
+        "{label:width$}  {:8} {:>7} {:>7.3} {:>7} {:>7.3} {:>7} {:>7} {:>7} {:>8.2} {:>10.2}",
+        "",
+        "",
+        summary.eps_p_percent,
+        "",
+        summary.eps_q_percent,
+        "",
+        "",
+        "",
+        summary.error_to_noise,
+        summary.error_to_noise_away_from_edges,
+    )
+}
+
+fn print_verdict(set: &ParameterSet, out: &mut dyn Write) -> io::Result<()> {
+    let words = match set.verdict.status {
+        VerdictStatus::Pass => "pass",
+        VerdictStatus::Fail => "fail",
+        VerdictStatus::CannotJudge => "cannot judge",
+    };
+    writeln!(out, "verdict: {words}")?;
+    for reason in &set.verdict.reasons {
+        writeln!(out, "  {reason}")?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::{
+        adapters::{bundled, report::fixture},
+        disturbance::Trigger,
+    };
+
+    #[derive(Parser)]
+    struct Program {
+        #[command(flatten)]
+        args: CompareArgs,
+    }
+
+    fn parsed(words: &[&str]) -> Result<CompareArgs, clap::Error> {
+        let words = std::iter::once("compare").chain(words.iter().copied());
+        Program::try_parse_from(words).map(|program| program.args)
+    }
+
+    #[test]
+    fn columns_of_the_table_line_up() {
+        let set = fixture::parameter_set();
+        let comparisons = [
+            fixture::comparison("event_01", 0.9),
+            fixture::comparison("event_03", 0.5),
+        ];
+        let left_out = [("event_04".to_owned(), "no power".to_owned())];
+        let mut out = Vec::new();
+        print_table(&set, &comparisons, &left_out, &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<_> = text.lines().collect();
+        let ends: Vec<_> = lines[1..7]
+            .iter()
+            .map(|line| line.chars().count())
+            .collect();
+        assert!(ends.iter().all(|end| *end == ends[0]), "{ends:?}\n{text}");
+        assert!(
+            lines[4].starts_with("event_03         held out   0.500"),
+            "{text}"
+        );
+        assert!(text.contains("left out: event_04: no power"));
+        assert!(text.contains("verdict: pass\n  held-out error 1.04"));
+    }
+
+    #[test]
+    fn lists_of_events_choose_the_split() {
+        let args = parsed(&["dir", "--train", "a,b", "--hold-out", "c"]).unwrap();
+        let expected = Split::Named {
+            fitted: vec!["a".to_owned(), "b".to_owned()],
+            held_out: vec!["c".to_owned()],
+        };
+        assert_eq!(options(&args).split, expected);
+        let args = parsed(&["dir"]).unwrap();
+        assert_eq!(options(&args), IdentificationOptions::default());
+    }
+
+    #[test]
+    fn a_given_set_excludes_what_only_a_fit_needs() {
+        assert!(parsed(&["dir", "--parameters", "p.json", "--train", "a"]).is_err());
+        assert!(parsed(&["dir", "--parameters", "p.json", "--structure", "zip"]).is_err());
+        assert!(parsed(&["dir", "--parameters", "p.json", "--against", "q.json"]).is_ok());
+    }
+
+    #[test]
+    fn windows_bear_the_names_of_their_files() {
+        let parent = tempfile::tempdir().unwrap();
+        let site = &bundled::sites()[0];
+        let folder = site_folder::load_events(&site.extract_to(parent.path()).unwrap()).unwrap();
+        let windows = windows(&folder);
+        assert_eq!(windows[0].id, "event_01");
+        assert_eq!(windows.len(), site.events.len());
+        assert!(windows.iter().all(|w| w.triggers == [Trigger::Recording]));
+    }
+
+    #[test]
+    fn a_parameter_file_that_is_none_is_named_in_the_error() {
+        let parent = tempfile::tempdir().unwrap();
+        let folder = bundled::sites()[0].extract_to(parent.path()).unwrap();
+        let file = parent.path().join("p.json");
+        fs::write(&file, "{}").unwrap();
+        let folder = folder.display().to_string();
+        for (name, expected) in [
+            ("p.json", "p.json: "),
+            ("none.json", "cannot read parameters"),
+        ] {
+            let path = parent.path().join(name).display().to_string();
+            let args = parsed(&[&folder, "--parameters", &path]).unwrap();
+            let error = run(&args, &mut Vec::new()).unwrap_err().to_string();
+            assert!(error.contains(expected) && error.contains(name), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_folder_that_is_none_is_an_error() {
+        let args = parsed(&["no-such-folder"]).unwrap();
+        let error = run(&args, &mut Vec::new()).unwrap_err().to_string();
+        assert!(error.contains("no-such-folder"), "{error}");
+    }
+}

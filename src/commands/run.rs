@@ -1,0 +1,62 @@
+//! `loadmodeld run`: the daemon.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use clap::Args;
+use tokio::signal::unix::{SignalKind, signal};
+
+use super::Error;
+use crate::{
+    config::{Config, LogFormatConfig},
+    daemon::{
+        self, Settings,
+        logging::{self, LogFormat},
+    },
+};
+
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// Configuration; `check-config` tells what is wrong with one
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+}
+
+/// Runs the daemon until SIGTERM or SIGINT.
+///
+/// # Errors
+///
+/// [`Error`] when the configuration cannot be used, or the daemon does not start or end well.
+pub fn run(args: &RunArgs) -> Result<(), Error> {
+    let config = Config::load(&args.config)?;
+    let settings = Settings::from_config(&config)?;
+    logging::set_up(log_format(config.log.format), &config.log.level)?;
+    super::runtime()?.block_on(async {
+        let mut terminate = signal(SignalKind::terminate())?;
+        let mut interrupt = signal(SignalKind::interrupt())?;
+        let daemon = daemon::start(settings, Arc::new(|_| {})).await?;
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+            () = daemon.ended() => {}
+        }
+        daemon.stop();
+        Ok(daemon.join().await?)
+    })
+}
+
+/// The settings of a configuration file.
+pub(super) fn settings(path: &Path) -> Result<Settings, Error> {
+    Ok(Settings::from_config(&Config::load(path)?)?)
+}
+
+const fn log_format(format: LogFormatConfig) -> LogFormat {
+    match format {
+        LogFormatConfig::Auto => LogFormat::Auto,
+        LogFormatConfig::Text => LogFormat::Text,
+        LogFormatConfig::Json => LogFormat::Json,
+    }
+}

@@ -1,0 +1,251 @@
+//! From the configuration to the settings of each part.
+
+use std::collections::BTreeMap;
+
+use super::{Recorder, Settings, clock::nanoseconds};
+use crate::{
+    adapters::{
+        http::HttpOptions,
+        recordings::{
+            comtrade,
+            mapping::{RecordingMapping, ThreePhase},
+        },
+        store::{Keep, SqliteOptions},
+        wire::v1::{BatchLimits, RecordingLimits},
+        zenoh::{Mode, ZenohOptions},
+    },
+    config::{
+        Config, IdentificationConfig, RecordingConfig, RetentionConfig, SiteConfig,
+        VoltageConnection, ZenohConfig, ZenohMode, ZipBox,
+    },
+    identification::{DecisionOptions, IdentificationOptions, Split},
+    measurement::phasor::{self, Connection},
+    service::{ServiceOptions, SiteOptions},
+};
+
+/// The paper's bounds of the ZIP coefficients and of the motor's share.
+const PAPER_BOX: (f64, f64) = (0.1, 0.9);
+/// Rows that one call of retention deletes at most: some tens of milliseconds of work.
+const PRUNE_ROWS_MAX: usize = 500;
+
+/// A configuration asks for what cannot be done.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SettingsError {
+    /// Sites that are not listed cannot be taken.
+    #[error(
+        "measurement.accept_unlisted_sites: a batch does not state the bases of its site, so that \
+         every site must be listed"
+    )]
+    UnlistedSites,
+}
+
+impl Settings {
+    /// The settings that a configuration asks for.
+    ///
+    /// # Errors
+    ///
+    /// [`SettingsError`] when it asks for what cannot be done.
+    pub fn from_config(config: &Config) -> Result<Self, SettingsError> {
+        if config.measurement.accept_unlisted_sites {
+            return Err(SettingsError::UnlistedSites);
+        }
+        Ok(Self {
+            service: service(config),
+            sites: config.sites.iter().map(site).collect(),
+            recorders: recorders(&config.sites),
+            zenoh: zenoh(&config.zenoh),
+            http: HttpOptions {
+                listen: config.http.listen,
+                rows_max: config.http.rows_max,
+            },
+            store_path: config.store.path.clone(),
+            store: SqliteOptions::default(),
+            keep: keep(&config.store.retention),
+            batch_limits: BatchLimits {
+                payload_bytes_max: config.measurement.batch_bytes_max,
+                samples_max: config.measurement.batch_samples_max,
+                ..BatchLimits::default()
+            },
+            recording_limits: RecordingLimits {
+                payload_bytes_max: config.measurement.recording_bytes_max,
+                ..RecordingLimits::default()
+            },
+        })
+    }
+}
+
+fn service(config: &Config) -> ServiceOptions {
+    let (workers, fit) = (&config.workers, &config.identification);
+    ServiceOptions {
+        instance: config.instance.name.clone(),
+        structure: fit.structure.clone(),
+        joint_events_min: fit.min_joint_events,
+        joint_events_max: fit.max_joint_events,
+        settle_ns: nanoseconds(fit.settle),
+        workers: workers.count,
+        fit_budget_ns: nanoseconds(workers.fit_budget),
+        lease_ns: nanoseconds(workers.lease),
+        failures_max: workers.failures_max,
+        interruptions_max: workers.interruptions_max,
+        retry_ns: nanoseconds(workers.retry),
+        spool_windows_max: workers.queue_windows_max,
+        silence_ns: nanoseconds(config.measurement.silence),
+        store_retry_ns: nanoseconds(config.store.retry),
+        sweep_ns: nanoseconds(workers.sweep),
+        shutdown_grace_ns: nanoseconds(config.instance.shutdown_grace),
+        identification: identification(fit),
+        decision: DecisionOptions {
+            allow_unvalidated: config.publishing.allow_unvalidated,
+            manual_approval: config.publishing.manual_approval,
+        },
+    }
+}
+
+fn identification(fit: &IdentificationConfig) -> IdentificationOptions {
+    let mut options = IdentificationOptions {
+        split: Split::Share(fit.hold_out_share),
+        ..IdentificationOptions::default()
+    };
+    if fit.zip_box == ZipBox::Paper {
+        let (lower, upper) = PAPER_BOX;
+        options.problem.linear_lower = options.problem.linear_lower.map(|_| lower);
+        options.problem.linear_upper = options.problem.linear_upper.map(|_| upper);
+    }
+    options.problem.frequency_scaled_power = fit.frequency_scaled_power;
+    options.search.trust_tech.tiers_max = fit.max_tiers;
+    options.search.trust_tech.evaluations_max = fit.max_simulations as u64;
+    options
+}
+
+fn site(site: &SiteConfig) -> SiteOptions {
+    SiteOptions {
+        site: site.site.clone(),
+        concentrator: site.concentrator.clone(),
+        detector: site.detection,
+        screening: site.screening,
+    }
+}
+
+fn recorders(sites: &[SiteConfig]) -> BTreeMap<(String, String), Recorder> {
+    let mut recorders = BTreeMap::new();
+    for site in sites {
+        for recording in &site.recordings {
+            let key = (site.site.name.clone(), recording.recorder.clone());
+            recorders.insert(key, recorder(recording));
+        }
+    }
+    recorders
+}
+
+fn recorder(recording: &RecordingConfig) -> Recorder {
+    let currents = recording.currents.iter().map(|channels| ThreePhase {
+        channels: channels.clone(),
+        ratio: recording.current_ratio,
+        reversed: recording.currents_reversed,
+    });
+    Recorder {
+        mapping: RecordingMapping {
+            voltage: ThreePhase {
+                channels: recording.voltages.clone(),
+                ratio: recording.voltage_ratio,
+                reversed: false,
+            },
+            connection: match recording.connection {
+                VoltageConnection::LineToGround => Connection::LineToGround,
+                VoltageConnection::LineToLine => Connection::LineToLine,
+            },
+            currents: currents.collect(),
+            apply_skew: recording.apply_skew,
+            phasors: phasor::Settings {
+                phasors_per_cycle: recording.phasors_per_cycle,
+                ..phasor::Settings::default()
+            },
+        },
+        options: comtrade::Options {
+            utc_offset_s: Some(recording.utc_offset_s),
+            lenient: recording.lenient,
+            ..comtrade::Options::default()
+        },
+    }
+}
+
+fn zenoh(zenoh: &ZenohConfig) -> ZenohOptions {
+    ZenohOptions {
+        prefix: zenoh.prefix.clone(),
+        mode: match zenoh.mode {
+            ZenohMode::Peer => Mode::Peer,
+            ZenohMode::Client => Mode::Client,
+            ZenohMode::Router => Mode::Router,
+        },
+        listen: zenoh.listen.clone(),
+        connect: zenoh.connect.clone(),
+        multicast: zenoh.multicast,
+        settings: zenoh.raw.clone(),
+        intake_messages_max: zenoh.intake_messages_max,
+        close_timeout_ms: u64::try_from(zenoh.close_timeout.as_millis()).unwrap_or(u64::MAX),
+    }
+}
+
+/// None when everything is kept for ever.
+fn keep(retention: &RetentionConfig) -> Option<Keep> {
+    let RetentionConfig {
+        waveforms,
+        windows,
+        fits,
+        jobs,
+    } = *retention;
+    let limited = [waveforms, windows, fits, jobs].iter().any(Option::is_some);
+    let age_ns = |age: Option<std::time::Duration>| age.map_or(i64::MAX, nanoseconds);
+    limited.then(|| Keep {
+        waveforms_ns: age_ns(waveforms),
+        windows_ns: age_ns(windows),
+        fits_ns: age_ns(fits),
+        jobs_ns: age_ns(jobs),
+        rows_max: PRUNE_ROWS_MAX,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_configuration_asks_for_the_default_settings() {
+        let settings = Settings::from_config(&Config::default()).unwrap();
+        assert_eq!(settings.zenoh, ZenohOptions::default());
+        assert_eq!(settings.http, HttpOptions::default());
+        assert_eq!(settings.batch_limits, BatchLimits::default());
+        assert_eq!(settings.recording_limits, RecordingLimits::default());
+        assert_eq!(settings.service, ServiceOptions::default());
+        assert!(settings.keep.is_none());
+    }
+
+    #[test]
+    fn unlisted_sites_are_refused_in_words() {
+        let mut config = Config::default();
+        config.measurement.accept_unlisted_sites = true;
+        let error = Settings::from_config(&config).unwrap_err();
+        assert!(error.to_string().contains("accept_unlisted_sites"));
+    }
+
+    #[test]
+    fn an_unnamed_recorder_is_read_like_the_sites_star() {
+        let text = r#"
+            [[site]]
+            name = "north"
+            s_base_mva = 40
+            v_base_kv = 110
+            nominal_hz = 50
+            [[site.recording]]
+            voltages = ["UA", "UB", "UC"]
+            currents = ["IA", "IB", "IC"]
+            current_sign = -1
+        "#;
+        let config = Config::parse(text, "test").unwrap();
+        let settings = Settings::from_config(&config).unwrap();
+        let recorder = settings.recorder("north", "dfr-7").unwrap();
+        assert!(recorder.mapping.currents[0].reversed);
+        assert!(settings.recorder("south", "dfr-7").is_none());
+    }
+}
