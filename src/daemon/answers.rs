@@ -142,9 +142,11 @@ fn asked(site: &str, version: Option<&str>) -> Result<AskedSet, String> {
 }
 
 fn answer(store: &dyn Store, keys: &Keys, question: &Question, asked: &AskedSet) -> QueryOutcome {
+    // The newest set is on its key or about to be: whoever has just received it is told nothing
+    // older, although the store may not know yet that it is there.
     let found = match asked.version {
         Some(version) => store.set(&asked.site, version),
-        None => store.set_in_force(&asked.site),
+        None => store.newest_set(&asked.site),
     };
     match found {
         Ok(Some(set)) => {

@@ -39,6 +39,8 @@ pub struct State {
     windows: Windows,
     fits: Fits,
     publishing: Publishing,
+    /// Looks for sets to be published that have not been answered.
+    sets_loading: usize,
     /// Jobs on their way to the queue.
     queueing: usize,
     /// Since when a joint fit of a site has been postponed.
@@ -78,6 +80,7 @@ impl State {
             windows: Windows::new(&options),
             fits: Fits::new(),
             publishing: Publishing::default(),
+            sets_loading: 0,
             queueing: 0,
             postponed_since_ns: BTreeMap::new(),
             questions: 0,
@@ -111,7 +114,7 @@ impl State {
             && self.windows.at_rest()
             && self.fits.at_rest()
             && self.publishing.at_rest()
-            && self.queueing == 0
+            && self.queueing + self.sets_loading == 0
             && !self.sweep.in_flight
             && self.sweep.part != BacklogPart::Everything
     }
@@ -152,14 +155,14 @@ impl State {
             | Event::ParametersAsked { .. }
             | Event::QuestionAnswered { .. } => self.take_publication(now_ns, event, out),
             Event::BacklogLoaded(part, backlog) => {
-                self.sweep.answered(part);
+                self.answered(part);
                 let taken = self.take_up(now_ns, backlog, out);
                 if part != BacklogPart::Sets {
                     out.report(taken);
                 }
             }
             Event::BacklogFailed(part, failure) => {
-                self.sweep.answered(part);
+                self.answered(part);
                 report_failure(failure, true, out);
                 self.sweep_soon(now_ns, part);
             }
@@ -313,6 +316,7 @@ impl State {
             } => {
                 self.fits.committed(job, version, known, out);
                 if version.is_some() {
+                    self.sets_loading += 1;
                     out.push(Command::LoadBacklog(BacklogPart::Sets));
                 }
             }
@@ -403,6 +407,14 @@ impl State {
         taken
     }
 
+    /// Sets alone are asked for out of turn, after each decision.
+    const fn answered(&mut self, part: BacklogPart) {
+        match part {
+            BacklogPart::Sets => self.sets_loading = self.sets_loading.saturating_sub(1),
+            BacklogPart::Everything | BacklogPart::WindowsAndSets => self.sweep.in_flight = false,
+        }
+    }
+
     fn tick(&mut self, now_ns: i64, out: &mut Outbox) {
         let ended = self.streams.end_silent(now_ns);
         self.found(ended, out);
@@ -474,7 +486,7 @@ impl State {
         let done = intake_stopped
             && self.windows.at_rest()
             && self.fits.at_rest()
-            && self.queueing == 0
+            && self.queueing + self.sets_loading == 0
             && self.publishing.at_rest();
         if !done && now_ns < deadline_ns {
             return;
@@ -487,15 +499,6 @@ impl State {
         }
         self.phase = Phase::Stopped;
         out.push(Command::Stop);
-    }
-}
-
-impl Sweep {
-    /// Sets alone are asked for out of turn, after each decision.
-    fn answered(&mut self, part: BacklogPart) {
-        if part != BacklogPart::Sets {
-            self.in_flight = false;
-        }
     }
 }
 

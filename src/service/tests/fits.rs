@@ -40,6 +40,56 @@ fn a_joint_fit_is_stored_decided_on_and_published_in_this_order() {
 }
 
 #[test]
+fn a_set_that_was_decided_on_while_stopping_is_published_before_the_end() {
+    let mut bench = Bench::new();
+    let _ = bench.claim(1, WorkKind::Site);
+    let _ = bench.apply(Event::NothingToClaim);
+    let _ = bench.apply(ended(1, FitEnd::Fitted(fitted())));
+    let _ = bench.apply(Event::StopRequested);
+    let _ = bench.apply(Event::IntakeStopped);
+    let _ = bench.apply(Event::FitStored { job: 1, fit: 9 });
+    let version = Some(1);
+    let mut steps = vec![
+        Event::DecisionCommitted {
+            job: 1,
+            version,
+            known: false,
+        },
+        Event::WorkEnded {
+            job: 1,
+            parked: false,
+        },
+    ];
+    let site = || "north".to_owned();
+    let set = PendingSet {
+        site: site(),
+        version: 1,
+        document: "{}".to_owned(),
+    };
+    let backlog = Backlog {
+        unpublished: vec![set],
+        ..Backlog::default()
+    };
+    steps.push(Event::BacklogLoaded(BacklogPart::Sets, backlog));
+    steps.push(Event::SetPublished {
+        site: site(),
+        version: 1,
+    });
+    for step in steps {
+        let commands = bench.apply(step);
+        assert!(
+            !commands.iter().any(|c| matches!(c, Command::Stop)),
+            "{commands:?}"
+        );
+    }
+    let last = bench.apply(Event::PublicationMarked {
+        site: site(),
+        version: 1,
+    });
+    assert!(matches!(last[..], [Command::Stop]), "{last:?}");
+}
+
+#[test]
 fn the_fit_of_one_event_is_stored_and_not_decided_on() {
     let mut bench = Bench::new();
     let _ = bench.claim(1, WorkKind::Event);
