@@ -89,11 +89,15 @@ async fn perform(
     let (said, mut words) = unbounded_channel();
     let observer: Observer = Arc::new(move |occurrence| {
         if let Some(sentence) = occurrence.sentence() {
-            let _: Result<(), _> = said.send(sentence);
+            said.send(sentence).ok();
         }
     });
     let daemon = daemon::start(scene.settings(args.http), observer).await?;
-    let options = client(daemon.endpoints().to_vec(), scene.prefix(), Vec::new());
+    let options = client(
+        daemon.endpoints().to_vec(),
+        ZenohOptions::default().prefix,
+        Vec::new(),
+    );
     let session = zenoh::open(&options).await?;
     let sets = zenoh::documents(&session, &Keys::new(&options.prefix).parameters("*")).await?;
     stage.welcome(&daemon, scene)?;
@@ -201,14 +205,12 @@ impl Show<'_> {
         let published = self.daemon.status().sets_published;
         while stage.sets_shown() < published {
             let left = deadline.saturating_duration_since(Instant::now());
-            match timeout(left, self.sets.next()).await {
-                Ok(Some(document)) => stage.set(&document)?,
-                Ok(None) | Err(_) => {
-                    let missing = published - stage.sets_shown();
-                    let lost = io::Error::other(format!("{missing} published sets did not arrive"));
-                    return Err(Error::Output(lost));
-                }
-            }
+            let Ok(Some(document)) = timeout(left, self.sets.next()).await else {
+                let missing = published - stage.sets_shown();
+                let lost = io::Error::other(format!("{missing} published sets did not arrive"));
+                return Err(Error::other(lost));
+            };
+            stage.set(&document)?;
         }
         stage.farewell(self.daemon)
     }

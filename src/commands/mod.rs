@@ -104,7 +104,7 @@ pub fn main() -> ExitCode {
         Ok(command_line) => command_line,
         Err(error) => {
             // Nothing can be done about a terminal that does not take the message.
-            let _: Result<(), _> = error.print();
+            error.print().ok();
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
@@ -116,7 +116,7 @@ pub fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     }
     // As above.
-    let _: Result<(), _> = writeln!(io::stderr(), "loadmodeld: {error}");
+    writeln!(io::stderr(), "loadmodeld: {error}").ok();
     ExitCode::from(if error.is_usage() {
         EXIT_USAGE
     } else {

@@ -117,8 +117,9 @@ pub(super) fn spawn_answerer(
                     Task::Set(question, asked) => {
                         let outcome = answer(store.as_ref(), &keys, &question, &asked);
                         let selector = question.selector();
-                        let _: Result<(), _> =
-                            events.send(Event::QuestionAnswered { selector, outcome });
+                        events
+                            .send(Event::QuestionAnswered { selector, outcome })
+                            .ok();
                     }
                 }
             }

@@ -3,7 +3,7 @@
 use super::*;
 
 pub(super) const SECOND_NS: i64 = 1_000_000_000;
-const RATE_FPS: f64 = 50.0;
+const RATE_FPS: u16 = 50;
 /// 2026-01-01: any time will do.
 const START_NS: i64 = 1_767_225_600 * SECOND_NS;
 
@@ -68,7 +68,7 @@ impl Bench {
     /// A dip to 0.8 pu for 0.2 s, 5 s into 10 s of steady voltage, as one batch that starts
     /// `shift_s` seconds later than the others.
     pub(super) fn dip(shift_s: i64) -> SampleBatch {
-        let count = 10 * RATE_FPS as usize;
+        let count = 10 * usize::from(RATE_FPS);
         let voltage = |k: usize| if (250..260).contains(&k) { 0.8 } else { 1.0 };
         let channel = |value: &dyn Fn(usize) -> f64| (0..count).map(value).collect::<Vec<_>>();
         SampleBatch {
@@ -76,7 +76,7 @@ impl Bench {
             stream: "pmu".to_owned(),
             sequence: None,
             start_ns: START_NS + shift_s * SECOND_NS,
-            rate_fps: RATE_FPS,
+            rate_fps: f64::from(RATE_FPS),
             channels: vec![
                 (Channel::VoltagePu, channel(&voltage)),
                 (Channel::FrequencyHz, channel(&|_| 50.0)),
