@@ -6,10 +6,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::fitting::{self, FitArgs, ScreenedWindows};
+use super::fitting::{self, Events, FitArgs, SourceArgs, SourceError};
 use crate::{
     adapters::{
-        recordings::site_folder::{self, SiteFolder},
         report::{self, Report, ReportError, Rival, Search},
         wire::{
             DocumentError,
@@ -29,9 +28,9 @@ use crate::{
 /// of errors and writes one self-contained HTML report.
 #[derive(Clone, Debug, clap::Args)]
 pub struct CompareArgs {
-    /// The site folder (site.json and event_*.csv).
-    #[arg(value_name = "SITE_DIR")]
-    pub site: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "the flattened options bring their own help")]
+    pub source: SourceArgs,
     /// Parameter set (JSON); without it the parameters are identified from the folder.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["structure", "train", "hold_out"])]
     pub parameters: Option<PathBuf>,
@@ -53,9 +52,9 @@ pub struct CompareArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
-    /// The site folder.
+    /// The events.
     #[error(transparent)]
-    Folder(#[from] site_folder::Error),
+    Source(#[from] SourceError),
     /// A parameter file cannot be read.
     #[error("cannot read parameters from {}", .path.display())]
     ReadParameters {
@@ -103,20 +102,19 @@ pub enum CompareError {
 ///
 /// See [`CompareError`].
 pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> {
-    let folder = site_folder::load_events(&args.site)?;
-    let screened = fitting::screened(&folder);
-    let windows = &screened.usable;
+    let events = fitting::events(&args.source)?;
+    let windows = &events.usable;
     let options = args.fit.options();
     let source = match &args.parameters {
         Some(path) => Source::File(read_parameters(path)?),
-        None => Source::Fit(fitting::identify(&args.fit, &folder, &screened, &options)?),
+        None => Source::Fit(fitting::identify(&args.fit, &events, &options)?),
     };
     let comparisons = identification::compare(source.set(), windows, &options)?;
     let against = match &args.against {
         Some(path) => Some(Against::new(path, windows, &options)?),
         None => None,
     };
-    let left_out = left_out(&folder, &screened, &source, &comparisons);
+    let left_out = left_out(&events, &source, &comparisons);
     let page = report::render(&Report {
         set: source.set(),
         comparisons: &comparisons,
@@ -217,30 +215,23 @@ fn read_parameters(path: &Path) -> Result<ParameterSet, CompareError> {
 }
 
 /// Events that are not in the comparison, with the reason.
-fn left_out(
-    folder: &SiteFolder,
-    windows: &ScreenedWindows,
-    source: &Source,
-    comparisons: &[Comparison],
-) -> Vec<(String, String)> {
-    let unread = folder.notes.iter().filter_map(|note| match note {
-        site_folder::Note::EventLeftOut { error } => {
-            Some(("not readable".to_owned(), error.to_string()))
-        }
-        site_folder::Note::NoDate { .. } => None,
-    });
+fn left_out(events: &Events, source: &Source, comparisons: &[Comparison]) -> Vec<(String, String)> {
+    let notes = events
+        .notes
+        .iter()
+        .map(|note| ("note".to_owned(), note.clone()));
     let reason = |event: &str| {
         let known = source.refused().iter().find(|(name, _)| name == event);
         known.map_or("it cannot be simulated", |(_, reason)| reason.as_str())
     };
-    let missing = windows
+    let missing = events
         .usable
         .iter()
         .filter(|window| comparisons.iter().all(|c| c.event != window.id))
         .map(|window| (window.id.clone(), reason(&window.id).to_owned()));
-    unread
+    notes
         .chain(missing)
-        .chain(windows.refused.iter().cloned())
+        .chain(events.refused.iter().cloned())
         .collect()
 }
 
@@ -406,8 +397,11 @@ mod tests {
     fn windows_bear_the_names_of_their_files() {
         let parent = tempfile::tempdir().unwrap();
         let site = &bundled::sites()[0];
-        let folder = site_folder::load_events(&site.extract_to(parent.path()).unwrap()).unwrap();
-        let windows = fitting::screened(&folder).usable;
+        let source = SourceArgs {
+            site: site.extract_to(parent.path()).unwrap(),
+            store: None,
+        };
+        let windows = fitting::events(&source).unwrap().usable;
         assert_eq!(windows[0].id, "event_01");
         assert!(windows.iter().all(|w| w.triggers == [Trigger::Recording]));
     }

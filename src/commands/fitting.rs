@@ -1,12 +1,71 @@
 //! What `identify` and `compare` share: the options of a fit, and the fit of a site folder.
 
-use std::time::{Duration, Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
 
 use crate::{
-    adapters::recordings::site_folder::{self, SiteFolder},
+    adapters::{
+        recordings::site_folder,
+        store::{SqliteOptions, SqliteStore, Store, StoreError},
+    },
     disturbance::{ScreeningOptions, Window, screen},
     identification::{self, Identification, IdentificationError, IdentificationOptions, Split},
+    measurement::Site,
 };
+
+/// Where the events of a site come from.
+#[derive(Clone, Debug, clap::Args)]
+pub struct SourceArgs {
+    /// The site folder (site.json and event_*.csv); with --store the name of the site.
+    #[arg(value_name = "SITE_DIR")]
+    pub site: PathBuf,
+    /// Takes the site's disturbances from the store of a daemon.
+    #[arg(long, value_name = "FILE")]
+    pub store: Option<PathBuf>,
+}
+
+/// The events of a site, cut and screened as the daemon does.
+#[derive(Debug)]
+pub(super) struct Events {
+    /// The site.
+    pub(super) site: Site,
+    /// Windows that screening lets pass.
+    pub(super) usable: Vec<Window>,
+    /// Event and why it is not used.
+    pub(super) refused: Vec<(String, String)>,
+    /// What the reader should know.
+    pub(super) notes: Vec<String>,
+}
+
+/// Why there are no events.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SourceError {
+    /// The site folder.
+    #[error(transparent)]
+    Folder(#[from] site_folder::Error),
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The store has no such site.
+    #[error("{} holds no site `{site}`; it holds: {known}", .store.display())]
+    UnknownSite {
+        /// The store.
+        store: PathBuf,
+        /// The name.
+        site: String,
+        /// The names it holds.
+        known: String,
+    },
+    /// The store does not exist; reading must not make one.
+    #[error("{} does not exist", .store.display())]
+    NoStore {
+        /// The store.
+        store: PathBuf,
+    },
+}
 
 /// Options of a fit.
 #[derive(Clone, Debug, Default, clap::Args)]
@@ -46,36 +105,75 @@ impl FitArgs {
     }
 }
 
-/// The events of a folder that screening lets pass, and those it refuses with the reason.
-#[derive(Debug)]
-pub(super) struct ScreenedWindows {
-    /// Windows that bear the names of their files.
-    pub usable: Vec<Window>,
-    /// Event and why it is not used.
-    pub refused: Vec<(String, String)>,
+/// Windows of a stored site that are read at most, the newest first.
+const STORED_WINDOWS_MAX: usize = 200;
+
+/// Reads, cuts and screens the events of a site.
+///
+/// # Errors
+///
+/// See [`SourceError`].
+pub(super) fn events(args: &SourceArgs) -> Result<Events, SourceError> {
+    match &args.store {
+        None => from_folder(&args.site),
+        Some(store) => from_store(store, &args.site.to_string_lossy()),
+    }
 }
 
-/// Cuts and screens every event of a folder, as the daemon does.
-#[must_use]
-pub(super) fn screened(folder: &SiteFolder) -> ScreenedWindows {
-    let mut windows = ScreenedWindows {
+fn from_folder(path: &Path) -> Result<Events, SourceError> {
+    let folder = site_folder::load_events(path)?;
+    let mut events = Events {
         usable: Vec::new(),
         refused: Vec::new(),
+        notes: folder.notes.iter().map(ToString::to_string).collect(),
+        site: folder.site,
     };
     for event in &folder.events {
         let window = Window {
             id: event.name.clone(),
-            ..site_folder::window(&folder.site, &event.record)
+            ..site_folder::window(&events.site, &event.record)
         };
+        events.admit(window);
+    }
+    Ok(events)
+}
+
+fn from_store(path: &Path, name: &str) -> Result<Events, SourceError> {
+    if !path.exists() {
+        return Err(SourceError::NoStore {
+            store: path.to_path_buf(),
+        });
+    }
+    let store = SqliteStore::open(path, &SqliteOptions::default())?;
+    let sites = store.sites()?;
+    let Some(site) = sites.iter().find(|site| site.name == name) else {
+        let known: Vec<&str> = sites.iter().map(|site| site.name.as_str()).collect();
+        return Err(SourceError::UnknownSite {
+            store: path.to_path_buf(),
+            site: name.to_owned(),
+            known: known.join(", "),
+        });
+    };
+    let mut windows = store.usable_windows(name, STORED_WINDOWS_MAX)?;
+    windows.sort_by_key(Window::onset_ns);
+    Ok(Events {
+        site: site.clone(),
+        usable: windows,
+        refused: Vec::new(),
+        notes: Vec::new(),
+    })
+}
+
+impl Events {
+    fn admit(&mut self, window: Window) {
         let verdict = screen(&window, &ScreeningOptions::default());
         if verdict.usable() {
-            windows.usable.push(window);
+            self.usable.push(window);
         } else {
             let reasons: Vec<String> = verdict.refusals.iter().map(ToString::to_string).collect();
-            windows.refused.push((window.id, reasons.join("; ")));
+            self.refused.push((window.id, reasons.join("; ")));
         }
     }
-    windows
 }
 
 /// Fits the usable windows, with a spinner on a terminal; the cost carries the wall-clock time.
@@ -89,25 +187,24 @@ pub(super) fn screened(folder: &SiteFolder) -> ScreenedWindows {
 )]
 pub(super) fn identify(
     args: &FitArgs,
-    folder: &SiteFolder,
-    windows: &ScreenedWindows,
+    events: &Events,
     options: &IdentificationOptions,
 ) -> Result<Identification, IdentificationError> {
     let spinner = indicatif::ProgressBar::new_spinner();
-    spinner.set_message(format!("identifying from {} events", windows.usable.len()));
+    spinner.set_message(format!("identifying from {} events", events.usable.len()));
     spinner.enable_steady_tick(Duration::from_millis(120));
     let begun = Instant::now();
     let found = identification::identify(
-        &folder.site,
-        &windows.usable,
+        &events.site,
+        &events.usable,
         &args.parts(),
         options,
         &|| false,
     );
     spinner.finish_and_clear();
-    let mut found = found.map_err(|error| with_screened(error, &windows.refused))?;
+    let mut found = found.map_err(|error| with_screened(error, &events.refused))?;
     found.cost.seconds = begun.elapsed().as_secs_f64();
-    found.refused.extend(windows.refused.iter().cloned());
+    found.refused.extend(events.refused.iter().cloned());
     found.refused.sort();
     Ok(found)
 }

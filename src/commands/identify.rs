@@ -1,16 +1,10 @@
 //! `loadmodeld identify`: fit a site folder, list every solution, validate.
 
-use std::{
-    io::{self, Write},
-    path::PathBuf,
-};
+use std::io::{self, Write};
 
-use super::fitting::{self, FitArgs};
+use super::fitting::{self, FitArgs, SourceArgs, SourceError};
 use crate::{
-    adapters::{
-        recordings::site_folder,
-        wire::{DocumentError, v1::IdentificationV1},
-    },
+    adapters::wire::{DocumentError, v1::IdentificationV1},
     identification::{
         DirectionOutcome, ErrorSummary, Identification, IdentificationError, ParameterEstimate,
         VerdictStatus,
@@ -20,9 +14,9 @@ use crate::{
 /// Fits the model to the events of a site folder, lists all solutions, validates on held-out events.
 #[derive(Clone, Debug, clap::Args)]
 pub struct IdentifyArgs {
-    /// The site folder (site.json and event_*.csv).
-    #[arg(value_name = "SITE_DIR")]
-    pub site: PathBuf,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "the flattened options bring their own help")]
+    pub source: SourceArgs,
     #[command(flatten)]
     #[allow(missing_docs, reason = "the flattened options bring their own help")]
     pub fit: FitArgs,
@@ -38,9 +32,9 @@ pub struct IdentifyArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdentifyError {
-    /// The site folder.
+    /// The events.
     #[error(transparent)]
-    Folder(#[from] site_folder::Error),
+    Source(#[from] SourceError),
     /// The fit.
     #[error(transparent)]
     Identification(#[from] IdentificationError),
@@ -58,14 +52,13 @@ pub enum IdentifyError {
 ///
 /// See [`IdentifyError`].
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> Result<(), IdentifyError> {
-    let folder = site_folder::load_events(&args.site)?;
-    let windows = fitting::screened(&folder);
-    let found = fitting::identify(&args.fit, &folder, &windows, &args.fit.options())?;
+    let events = fitting::events(&args.source)?;
+    let found = fitting::identify(&args.fit, &events, &args.fit.options())?;
     if args.json {
         writeln!(out, "{}", IdentificationV1::new(&found)?.to_json()?)?;
         return Ok(());
     }
-    for note in &folder.notes {
+    for note in &events.notes {
         writeln!(out, "note: {note}")?;
     }
     print(&found, args.directions, out)?;

@@ -295,26 +295,23 @@ pub struct IdentificationConfig {
     pub hold_out_share: f64,
     /// Bounds of the ZIP coefficients.
     pub zip_box: ZipBox,
-    /// Whether the motor's power follows f/f0.
-    pub frequency_scaled_power: bool,
     /// Tiers of the search.
     pub max_tiers: usize,
-    /// Simulations one search may cost.
-    pub max_simulations: usize,
+    /// Calls of the objective one search may cost.
+    pub max_evaluations: usize,
 }
 
 impl Default for IdentificationConfig {
     fn default() -> Self {
         Self {
             structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
-            min_joint_events: 4,
+            min_joint_events: 2,
             max_joint_events: 40,
             settle: Duration::from_secs(30),
             hold_out_share: 0.33,
             zip_box: ZipBox::Wide,
-            frequency_scaled_power: false,
             max_tiers: 3,
-            max_simulations: 4000,
+            max_evaluations: 1500,
         }
     }
 }

@@ -320,11 +320,10 @@ fn identification(mut section: Section<'_>, to: &mut IdentificationConfig) -> Fi
     section.seconds("settle_s", &mut to.settle, (0.0, 86_400.0));
     section.number("hold_out_share", &mut to.hold_out_share, (0.0, 0.9));
     section.choice("zip_box", &mut to.zip_box, &BOXES);
-    section.flag("frequency_scaled_power", &mut to.frequency_scaled_power);
     section.count("max_tiers", &mut to.max_tiers, (0, 20));
     section.count(
-        "max_simulations",
-        &mut to.max_simulations,
+        "max_evaluations",
+        &mut to.max_evaluations,
         (10, 100_000_000),
     );
     if to.max_joint_events < to.min_joint_events {

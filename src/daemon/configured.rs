@@ -108,13 +108,10 @@ fn identification(fit: &IdentificationConfig) -> IdentificationOptions {
         ..IdentificationOptions::default()
     };
     if fit.zip_box == ZipBox::Paper {
-        let (lower, upper) = PAPER_BOX;
-        options.problem.linear_lower = options.problem.linear_lower.map(|_| lower);
-        options.problem.linear_upper = options.problem.linear_upper.map(|_| upper);
+        options.problem.static_shares = Some(PAPER_BOX);
     }
-    options.problem.frequency_scaled_power = fit.frequency_scaled_power;
     options.search.trust_tech.tiers_max = fit.max_tiers;
-    options.search.trust_tech.evaluations_max = fit.max_simulations as u64;
+    options.search.trust_tech.evaluations_max = fit.max_evaluations as u64;
     options
 }
 

@@ -33,6 +33,9 @@ pub const LINEAR: usize = LinearCoefficients::COUNT;
 /// Random effects of an event: its linear coefficients and its two operating-point offsets.
 const RANDOM: usize = LINEAR + 2;
 
+/// Least motor share in the paper's box (14).
+const PAPER_MOTOR_SHARE_MIN: f64 = 0.1;
+
 /// Names of the outer unknowns, in order.
 pub const OUTER_NAMES: [&str; OUTER] = ["ln_alpha", "ln_nu", "kappa"];
 
@@ -44,6 +47,10 @@ pub struct ProblemOptions {
     pub linear_lower: [f64; LINEAR],
     /// Upper bounds.
     pub linear_upper: [f64; LINEAR],
+    /// Bounds of the shares `P_Z` and `P_P` of the static active power, as in the paper's box (14),
+    /// which also raises the least motor share to 0.1. Default none. The shares of the static
+    /// reactive power have no such box here: they depend on the reactance that the data leave open.
+    pub static_shares: Option<(f64, f64)>,
     /// Standard deviation of the linear coefficients from event to event, relative to P0.
     /// Default 0.025 for the motor share, 0.02 for the others; 0 = the same in every event.
     pub composition_spread: [f64; LINEAR],
@@ -59,6 +66,7 @@ impl Default for ProblemOptions {
         Self {
             linear_lower: [0.02, -0.4, -0.8, -1.5, -2.0],
             linear_upper: [0.95, 1.2, 1.4, 2.0, 2.5],
+            static_shares: None,
             composition_spread: [0.025, 0.02, 0.02, 0.02, 0.02],
             static_prior_deviation: 1.0,
             frequency_scaled_power: false,
@@ -103,6 +111,8 @@ pub struct JointPoint {
     pub linear: [f64; LINEAR],
     /// Which linear coefficients lie on a bound.
     pub linear_at_bound: [bool; LINEAR],
+    /// Directions in which the linear coefficients may still move, one per column.
+    pub linear_free: DMatrix<f64>,
     /// Gauss-Newton matrix of outer and linear unknowns together.
     pub information: DMatrix<f64>,
     /// Gradient with respect to the outer unknowns.
@@ -226,21 +236,60 @@ impl<'a> JointProblem<'a> {
     }
 
     fn linear_optimum(&self, h: &DMatrix<f64>, g: &DVector<f64>) -> Option<[f64; LINEAR]> {
+        let mut lower = DVector::from_column_slice(&self.options.linear_lower);
+        if self.options.static_shares.is_some() {
+            lower[0] = lower[0].max(PAPER_MOTOR_SHARE_MIN);
+        }
         let program = QuadraticProgram {
             hessian: h.clone(),
             gradient: g.clone(),
             bounds: Bounds {
-                lower: DVector::from_column_slice(&self.options.linear_lower),
+                lower,
                 upper: DVector::from_column_slice(&self.options.linear_upper),
             },
             equalities: LinearConstraints::none(LINEAR),
-            inequalities: LinearConstraints::none(LINEAR),
+            inequalities: self.share_limits(),
         };
         // Fails only where the simulation was not finite.
         let x = program.minimise().ok()?.x;
         let mut beta = [0.0; LINEAR];
         beta.copy_from_slice(x.as_slice());
         Some(beta)
+    }
+
+    /// The box (14) of `P_Z` and `P_P` in the linear coefficients: with `P_ZIP0 = 1 - Kpm`, both
+    /// `c_z` and `1 - Kpm - c_z - c_i` lie between `low P_ZIP0` and `high P_ZIP0`.
+    fn share_limits(&self) -> LinearConstraints {
+        let Some((low, high)) = self.options.static_shares else {
+            return LinearConstraints::none(LINEAR);
+        };
+        #[rustfmt::skip]
+        let rows = [
+            -low, -1.0,  0.0, 0.0, 0.0, // low (1 - K) <= c_z
+            high,  1.0,  0.0, 0.0, 0.0, // c_z <= high (1 - K)
+            1.0 - low, 1.0, 1.0, 0.0, 0.0, // low (1 - K) <= c_p
+            high - 1.0, -1.0, -1.0, 0.0, 0.0, // c_p <= high (1 - K)
+        ];
+        LinearConstraints {
+            matrix: DMatrix::from_row_slice(4, LINEAR, &rows),
+            right: DVector::from_vec(vec![-low, high, 1.0 - low, high - 1.0]),
+        }
+    }
+
+    /// Rows of the bounds and limits that hold with equality at `beta`.
+    fn active_rows(&self, beta: &[f64; LINEAR], at_bound: &[bool; LINEAR]) -> DMatrix<f64> {
+        let limits = self.share_limits();
+        let x = DVector::from_column_slice(beta);
+        let mut rows: Vec<[f64; LINEAR]> = (0..LINEAR)
+            .filter(|&i| at_bound[i])
+            .map(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }))
+            .collect();
+        for (row, right) in limits.matrix.row_iter().zip(limits.right.iter()) {
+            if (row * &x)[0] >= right - 1e-9 {
+                rows.push(std::array::from_fn(|j| row[j]));
+            }
+        }
+        DMatrix::from_fn(rows.len(), LINEAR, |i, j| rows[i][j])
     }
 
     fn objective(&self, sum: &Gram, h: &DMatrix<f64>, g: &DVector<f64>, beta: &[f64]) -> f64 {
@@ -267,7 +316,10 @@ impl<'a> JointProblem<'a> {
             -share * (sum[(i, Y)] - explained)
         });
         let at_bound = std::array::from_fn(|i| {
-            let (low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
+            let (mut low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
+            if i == 0 && self.options.static_shares.is_some() {
+                low = low.max(PAPER_MOTOR_SHARE_MIN);
+            }
             let close = 1e-9 * (high - low);
             beta[i] - low <= close || high - beta[i] <= close
         });
@@ -275,6 +327,7 @@ impl<'a> JointProblem<'a> {
             objective: self.objective(sum, &h, &g, &beta),
             linear: beta,
             linear_at_bound: at_bound,
+            linear_free: null_space(&self.active_rows(&beta, &at_bound)),
             information,
             gradient,
         })
@@ -285,18 +338,14 @@ impl JointPoint {
     /// Curvature of the outer unknowns once the free linear coefficients follow: Schur complement.
     #[must_use]
     pub fn reduced_curvature(&self) -> DMatrix<f64> {
-        let free: Vec<usize> = (0..LINEAR)
-            .filter(|&i| !self.linear_at_bound[i])
-            .map(|i| OUTER + i)
-            .collect();
         let outer = self.information.view((0, 0), (OUTER, OUTER)).into_owned();
-        if free.is_empty() {
+        if self.linear_free.ncols() == 0 {
             return outer;
         }
-        let inner = DMatrix::from_fn(free.len(), free.len(), |i, j| {
-            self.information[(free[i], free[j])]
-        });
-        let cross = DMatrix::from_fn(free.len(), OUTER, |i, j| self.information[(free[i], j)]);
+        let free = &self.linear_free;
+        let linear = self.information.view((OUTER, OUTER), (LINEAR, LINEAR));
+        let inner = free.transpose() * linear * free;
+        let cross = free.transpose() * self.information.view((OUTER, 0), (LINEAR, OUTER));
         match inner.cholesky() {
             Some(factor) => &outer - cross.transpose() * factor.solve(&cross),
             None => outer,
@@ -322,6 +371,17 @@ impl Objective for JointProblem<'_> {
             curvature,
         })
     }
+}
+
+/// Orthonormal basis of the vectors that every row maps to zero.
+fn null_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
+    let eigen = (rows.transpose() * rows).symmetric_eigen();
+    // The rows have entries of order one: an eigenvalue is either that or rounding.
+    let columns: Vec<_> = (0..LINEAR)
+        .filter(|&i| eigen.eigenvalues[i] < 1e-9)
+        .map(|i| eigen.eigenvectors.column(i).into_owned())
+        .collect();
+    DMatrix::from_fn(LINEAR, columns.len(), |i, j| columns[j][i])
 }
 
 /// The motor of a point of the search.

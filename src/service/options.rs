@@ -59,7 +59,7 @@ impl Default for ServiceOptions {
         Self {
             instance: "loadmodeld".to_owned(),
             structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
-            joint_events_min: 4,
+            joint_events_min: 2,
             joint_events_max: 40,
             settle_ns: 30 * SECOND_NS,
             workers: 1,
