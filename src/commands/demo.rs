@@ -74,7 +74,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> Result<(), Error> {
         .ok_or_else(|| Error::Usage(format!("the speed {} is not 0 or more", args.speed)))?;
     logging::set_up(LogFormat::Text, &args.log)?;
     let scene = Scene::set(&args.data_dir, args.state.as_deref())?;
-    super::runtime()?.block_on(async {
+    super::block_on(async {
         let mut stage = Stage::new(args.json, out);
         perform(args, &scene, pace, &mut stage).await
     })
@@ -146,12 +146,16 @@ impl Show<'_> {
             player.play(plan, &|_| {}).await?;
             self.wait_until_settled().await
         };
-        tokio::pin!(script);
+        let asked = super::asked_to_end();
+        tokio::pin!(script, asked);
         let mut playing = true;
         let end = loop {
             tokio::select! {
                 biased;
-                _ = tokio::signal::ctrl_c() => break End::Interrupted,
+                asked = &mut asked => {
+                    asked?;
+                    break End::Interrupted;
+                }
                 Some(sentence) = words.recv() => stage.say(&sentence)?,
                 document = self.sets.next() => match document {
                     Some(document) => stage.set(&document)?,

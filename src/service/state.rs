@@ -10,7 +10,7 @@ use crate::{
     disturbance::Window,
     telemetry::{
         intake::{MessagesDropped, PayloadRefused},
-        jobs::JobQueued,
+        jobs::{JobNotNeeded, JobQueued},
         process::{GraceExceeded, ServiceStopping},
         sets::{QueryAnswered, QueryOutcome},
         store::{StoreFailed, WorkTakenUp},
@@ -291,7 +291,11 @@ impl State {
                 self.fits.look_now();
             }
             Event::WorkNotNeeded { work, reason } => {
-                tracing::debug!(subject = work.subject, reason, "no fit yet");
+                out.report(JobNotNeeded {
+                    kind: work.kind.name(),
+                    subject: work.subject,
+                    reason,
+                });
             }
             Event::WorkNotQueued { failure, .. } => {
                 report_failure(failure, true, out);

@@ -26,6 +26,24 @@ impl Occurrence for JobQueued {
     }
 }
 
+/// There is nothing to fit yet.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct JobNotNeeded {
+    /// Kind.
+    pub kind: &'static str,
+    /// Window id or site.
+    pub subject: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+impl Occurrence for JobNotNeeded {
+    fn emit(&self, _metrics: &Metrics) {
+        let (kind, subject, reason) = (self.kind, &self.subject, &self.reason);
+        debug!(kind, subject, reason, "no fit yet");
+    }
+}
+
 /// A fit was started.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FitStarted {
