@@ -74,7 +74,7 @@ pub fn run(args: &DemoArgs, out: &mut dyn Write) -> Result<(), Error> {
         .ok_or_else(|| Error::Usage(format!("the speed {} is not 0 or more", args.speed)))?;
     logging::set_up(LogFormat::Text, &args.log)?;
     let scene = Scene::set(&args.data_dir, args.state.as_deref())?;
-    super::runtime()?.block_on(async {
+    super::block_on(async {
         let mut stage = Stage::new(args.json, out);
         perform(args, &scene, pace, &mut stage).await
     })
@@ -89,11 +89,15 @@ async fn perform(
     let (said, mut words) = unbounded_channel();
     let observer: Observer = Arc::new(move |occurrence| {
         if let Some(sentence) = occurrence.sentence() {
-            let _: Result<(), _> = said.send(sentence);
+            said.send(sentence).ok();
         }
     });
     let daemon = daemon::start(scene.settings(args.http), observer).await?;
-    let options = client(daemon.endpoints().to_vec(), scene.prefix(), Vec::new());
+    let options = client(
+        daemon.endpoints().to_vec(),
+        ZenohOptions::default().prefix,
+        Vec::new(),
+    );
     let session = zenoh::open(&options).await?;
     let sets = zenoh::documents(&session, &Keys::new(&options.prefix).parameters("*")).await?;
     stage.welcome(&daemon, scene)?;
@@ -142,12 +146,16 @@ impl Show<'_> {
             player.play(plan, &|_| {}).await?;
             self.wait_until_settled().await
         };
-        tokio::pin!(script);
+        let asked = super::asked_to_end();
+        tokio::pin!(script, asked);
         let mut playing = true;
         let end = loop {
             tokio::select! {
                 biased;
-                _ = tokio::signal::ctrl_c() => break End::Interrupted,
+                asked = &mut asked => {
+                    asked?;
+                    break End::Interrupted;
+                }
                 Some(sentence) = words.recv() => stage.say(&sentence)?,
                 document = self.sets.next() => match document {
                     Some(document) => stage.set(&document)?,
@@ -201,14 +209,12 @@ impl Show<'_> {
         let published = self.daemon.status().sets_published;
         while stage.sets_shown() < published {
             let left = deadline.saturating_duration_since(Instant::now());
-            match timeout(left, self.sets.next()).await {
-                Ok(Some(document)) => stage.set(&document)?,
-                Ok(None) | Err(_) => {
-                    let missing = published - stage.sets_shown();
-                    let lost = io::Error::other(format!("{missing} published sets did not arrive"));
-                    return Err(Error::Output(lost));
-                }
-            }
+            let Ok(Some(document)) = timeout(left, self.sets.next()).await else {
+                let missing = published - stage.sets_shown();
+                let lost = io::Error::other(format!("{missing} published sets did not arrive"));
+                return Err(Error::other(lost));
+            };
+            stage.set(&document)?;
         }
         stage.farewell(self.daemon)
     }

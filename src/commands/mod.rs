@@ -20,10 +20,14 @@ pub mod subscribe;
 use std::{
     io::{self, Write},
     process::ExitCode,
+    time::Duration,
 };
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
-use tokio::runtime::{self, Runtime};
+use tokio::{
+    runtime,
+    signal::unix::{SignalKind, signal},
+};
 
 pub use error::Error;
 
@@ -41,6 +45,8 @@ const AFTER_HELP: &str = "Exit codes: 0 done, 1 failed, 64 used wrongly.";
 const EXIT_USAGE: u8 = 64;
 /// Failed.
 const EXIT_FAILURE: u8 = 1;
+/// Longest wait for threads that still work when a command has ended.
+const RUNTIME_END_LIMIT: Duration = Duration::from_secs(1);
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -104,7 +110,7 @@ pub fn main() -> ExitCode {
         Ok(command_line) => command_line,
         Err(error) => {
             // Nothing can be done about a terminal that does not take the message.
-            let _: Result<(), _> = error.print();
+            error.print().ok();
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
@@ -116,7 +122,7 @@ pub fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     }
     // As above.
-    let _: Result<(), _> = writeln!(io::stderr(), "loadmodeld: {error}");
+    writeln!(io::stderr(), "loadmodeld: {error}").ok();
     ExitCode::from(if error.is_usage() {
         EXIT_USAGE
     } else {
@@ -124,12 +130,27 @@ pub fn main() -> ExitCode {
     })
 }
 
-/// A runtime for commands that talk to others; computing has threads of its own.
-fn runtime() -> Result<Runtime, Error> {
-    Ok(runtime::Builder::new_multi_thread()
+/// Runs a command that talks to others on a runtime of its own. Computing has other threads; a
+/// thread that hangs (a dead disk) does not keep the program from ending.
+fn block_on<T>(command: impl Future<Output = Result<T, Error>>) -> Result<T, Error> {
+    let runtime = runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
-        .build()?)
+        .build()?;
+    let result = runtime.block_on(command);
+    runtime.shutdown_timeout(RUNTIME_END_LIMIT);
+    result
+}
+
+/// Is ready when the user or the system asks the program to end.
+async fn asked_to_end() -> Result<(), Error> {
+    let mut terminate = signal(SignalKind::terminate())?;
+    let mut interrupt = signal(SignalKind::interrupt())?;
+    tokio::select! {
+        _ = terminate.recv() => {}
+        _ = interrupt.recv() => {}
+    }
+    Ok(())
 }
 
 fn completions(args: &CompletionsArgs, out: &mut dyn Write) -> Result<(), Error> {

@@ -58,7 +58,7 @@ pub fn run(args: &ReplayArgs, out: &mut dyn Write) -> Result<(), Error> {
     for note in &plan.notes {
         say(note);
     }
-    super::runtime()?.block_on(replay(args, &plan, pace, out))
+    super::block_on(replay(args, &plan, pace, out))
 }
 
 async fn replay(
@@ -74,7 +74,7 @@ async fn replay(
     let progress = |samples| bar.inc(samples);
     let played = tokio::select! {
         played = player.play(plan, &progress) => played,
-        _ = tokio::signal::ctrl_c() => Err(Error::Interrupted),
+        asked = super::asked_to_end() => asked.and(Err(Error::Interrupted)),
     };
     bar.finish_and_clear();
     zenoh::close_within(&session, &options).await;
@@ -89,5 +89,5 @@ async fn replay(
 
 /// What was left out is said on standard error, so that the result stays clean.
 fn say(note: &str) {
-    let _: Result<(), _> = writeln!(std::io::stderr(), "loadmodeld: {note}");
+    writeln!(std::io::stderr(), "loadmodeld: {note}").ok();
 }

@@ -6,7 +6,6 @@ use std::{
 };
 
 use clap::Args;
-use tokio::signal::unix::{SignalKind, signal};
 
 use super::Error;
 use crate::{
@@ -34,13 +33,10 @@ pub fn run(args: &RunArgs) -> Result<(), Error> {
     let config = Config::load(&args.config)?;
     let settings = Settings::from_config(&config)?;
     logging::set_up(log_format(config.log.format), &config.log.level)?;
-    super::runtime()?.block_on(async {
-        let mut terminate = signal(SignalKind::terminate())?;
-        let mut interrupt = signal(SignalKind::interrupt())?;
+    super::block_on(async {
         let daemon = daemon::start(settings, Arc::new(|_| {})).await?;
         tokio::select! {
-            _ = terminate.recv() => {}
-            _ = interrupt.recv() => {}
+            asked = super::asked_to_end() => asked?,
             () = daemon.ended() => {}
         }
         daemon.stop();

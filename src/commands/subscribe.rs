@@ -34,7 +34,7 @@ pub fn run(args: &SubscribeArgs, out: &mut dyn Write) -> Result<(), Error> {
     {
         return Err(Error::Usage(format!("`{site}` is not the name of a site")));
     }
-    super::runtime()?.block_on(subscribe(args, out))
+    super::block_on(subscribe(args, out))
 }
 
 async fn subscribe(args: &SubscribeArgs, out: &mut dyn Write) -> Result<(), Error> {
@@ -46,7 +46,10 @@ async fn subscribe(args: &SubscribeArgs, out: &mut dyn Write) -> Result<(), Erro
     while args.count.is_none_or(|count| printed < count) {
         let document = tokio::select! {
             document = sets.next() => document,
-            _ = tokio::signal::ctrl_c() => break,
+            asked = super::asked_to_end() => {
+                asked?;
+                break;
+            }
         };
         let Some(document) = document else {
             return Err(ZenohError::Closed.into());

@@ -117,8 +117,9 @@ pub(super) fn spawn_answerer(
                     Task::Set(question, asked) => {
                         let outcome = answer(store.as_ref(), &keys, &question, &asked);
                         let selector = question.selector();
-                        let _: Result<(), _> =
-                            events.send(Event::QuestionAnswered { selector, outcome });
+                        events
+                            .send(Event::QuestionAnswered { selector, outcome })
+                            .ok();
                     }
                 }
             }
@@ -142,9 +143,11 @@ fn asked(site: &str, version: Option<&str>) -> Result<AskedSet, String> {
 }
 
 fn answer(store: &dyn Store, keys: &Keys, question: &Question, asked: &AskedSet) -> QueryOutcome {
+    // The newest set is on its key or about to be: whoever has just received it is told nothing
+    // older, although the store may not know yet that it is there.
     let found = match asked.version {
         Some(version) => store.set(&asked.site, version),
-        None => store.set_in_force(&asked.site),
+        None => store.newest_set(&asked.site),
     };
     match found {
         Ok(Some(set)) => {

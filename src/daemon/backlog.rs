@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::{
     adapters::store::{Store, StoreError, WindowQuery},
+    disturbance::Screening,
     service::{Backlog, BacklogPart, PendingSet},
 };
 
@@ -49,7 +50,7 @@ pub(super) fn usable(
     })?;
     let mut usable: Vec<String> = summaries
         .into_iter()
-        .filter(|w| w.has_waveforms && w.screening.as_ref().is_some_and(|s| s.usable()))
+        .filter(|w| w.has_waveforms && w.screening.as_ref().is_some_and(Screening::usable))
         .map(|w| w.id)
         .take(count_max)
         .collect();

@@ -66,13 +66,13 @@ impl Fits {
             .name(format!("fit-{job}"))
             .spawn(move || {
                 let end = fit.run_caught();
-                let _: Result<(), _> = events.send(Event::FitEnded { job, end });
+                events.send(Event::FitEnded { job, end }).ok();
             });
         if let Err(error) = thread {
             let end = FitEnd::Failed {
                 error: format!("no thread for the fit: {error}"),
             };
-            let _: Result<(), _> = self.events.send(Event::FitEnded { job, end });
+            self.events.send(Event::FitEnded { job, end }).ok();
         }
     }
 

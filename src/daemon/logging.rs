@@ -1,6 +1,9 @@
 //! Where log lines go: to the journal when systemd has started us, else to standard error.
 
-use std::{io, os::unix::fs::MetadataExt};
+use std::{
+    io::{self, IsTerminal},
+    os::unix::fs::MetadataExt,
+};
 
 use tracing_subscriber::{
     EnvFilter, Layer, Registry, layer::SubscriberExt, util::SubscriberInitExt,
@@ -48,7 +51,9 @@ pub fn set_up(format: LogFormat, filter: &str) -> Result<(), LogError> {
         filter: filter.to_owned(),
         reason: error.to_string(),
     })?;
-    let text = tracing_subscriber::fmt::layer().with_writer(io::stderr);
+    let text = tracing_subscriber::fmt::layer()
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal());
     let layer: Box<dyn Layer<Registry> + Send + Sync> = match format {
         LogFormat::Auto if under_systemd() => {
             Box::new(tracing_journald::layer().map_err(LogError::Journal)?)

@@ -21,6 +21,7 @@ use crate::{
             NewJob, Saved, Store, StoreError,
         },
     },
+    disturbance::Window,
     service::{Claimed, Command, Event, Lease, Work, WorkEnd, WorkKind},
     telemetry::{
         Occurrence,
@@ -63,16 +64,7 @@ impl Steps {
     pub(super) fn carry_out(&self, command: Command) -> Option<Event> {
         let now_ns = clock::now_ns();
         Some(match command {
-            Command::StoreWindow(window) => match self.store.save_window(&window, now_ns) {
-                Ok(saved) => Event::WindowStored {
-                    window: window.id.clone(),
-                    known: saved == Saved::AlreadyStored,
-                },
-                Err(error) => Event::WindowNotStored {
-                    window: window.id.clone(),
-                    failure: failure(&error),
-                },
-            },
+            Command::StoreWindow(window) => self.store_window(&window, now_ns),
             Command::StoreScreening { window, screening } => window_step(
                 &window.id,
                 self.store.save_screening(&window.id, &screening, now_ns),
@@ -132,6 +124,20 @@ impl Steps {
             Command::Prune => housekeeping(self.prune(now_ns)),
             _ => return None,
         })
+    }
+
+    fn store_window(&self, window: &Window, now_ns: i64) -> Event {
+        let id = window.id.clone();
+        match self.store.save_window(window, now_ns) {
+            Ok(saved) => Event::WindowStored {
+                window: id,
+                known: saved == Saved::AlreadyStored,
+            },
+            Err(error) => Event::WindowNotStored {
+                window: id,
+                failure: failure(&error),
+            },
+        }
     }
 
     /// Queues a job, unless a joint fit has too few events yet. The inputs are what the store

@@ -30,14 +30,6 @@ impl Supervisor {
         Self { watchdog }
     }
 
-    pub(super) fn ready(&self, status: &str) {
-        notify(&[NotifyState::Ready, NotifyState::Status(status)]);
-    }
-
-    pub(super) fn stopping(&self) {
-        notify(&[NotifyState::Stopping]);
-    }
-
     /// The loop has made progress: feeds the watchdog three times per period.
     pub(super) fn alive(&mut self) {
         let Some(watchdog) = &mut self.watchdog else {
@@ -48,6 +40,16 @@ impl Supervisor {
             notify(&[NotifyState::Watchdog]);
         }
     }
+}
+
+/// The service is ready.
+pub(super) fn ready(status: &str) {
+    notify(&[NotifyState::Ready, NotifyState::Status(status)]);
+}
+
+/// The service is stopping.
+pub(super) fn stopping() {
+    notify(&[NotifyState::Stopping]);
 }
 
 fn notify(states: &[NotifyState<'_>]) {

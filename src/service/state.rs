@@ -10,7 +10,7 @@ use crate::{
     disturbance::Window,
     telemetry::{
         intake::{MessagesDropped, PayloadRefused},
-        jobs::JobQueued,
+        jobs::{JobNotNeeded, JobQueued},
         process::{GraceExceeded, ServiceStopping},
         sets::{QueryAnswered, QueryOutcome},
         store::{StoreFailed, WorkTakenUp},
@@ -39,6 +39,10 @@ pub struct State {
     windows: Windows,
     fits: Fits,
     publishing: Publishing,
+    /// Looks for sets to be published that have not been answered.
+    sets_loading: usize,
+    /// Jobs on their way to the queue.
+    queueing: usize,
     /// Since when a joint fit of a site has been postponed.
     postponed_since_ns: BTreeMap<String, i64>,
     questions: usize,
@@ -76,6 +80,8 @@ impl State {
             windows: Windows::new(&options),
             fits: Fits::new(),
             publishing: Publishing::default(),
+            sets_loading: 0,
+            queueing: 0,
             postponed_since_ns: BTreeMap::new(),
             questions: 0,
             sweep: Sweep {
@@ -108,6 +114,7 @@ impl State {
             && self.windows.at_rest()
             && self.fits.at_rest()
             && self.publishing.at_rest()
+            && self.queueing + self.sets_loading == 0
             && !self.sweep.in_flight
             && self.sweep.part != BacklogPart::Everything
     }
@@ -148,11 +155,14 @@ impl State {
             | Event::ParametersAsked { .. }
             | Event::QuestionAnswered { .. } => self.take_publication(now_ns, event, out),
             Event::BacklogLoaded(part, backlog) => {
-                self.sweep.answered(part);
-                self.take_up(now_ns, backlog, out);
+                self.answered(part);
+                let taken = self.take_up(now_ns, backlog, out);
+                if part != BacklogPart::Sets {
+                    out.report(taken);
+                }
             }
             Event::BacklogFailed(part, failure) => {
-                self.sweep.answered(part);
+                self.answered(part);
                 report_failure(failure, true, out);
                 self.sweep_soon(now_ns, part);
             }
@@ -247,6 +257,7 @@ impl State {
             super::WorkKind::Event => now_ns,
             super::WorkKind::Site => self.settled_ns(now_ns, &work.site),
         };
+        self.queueing += 1;
         out.push(Command::Queue { work, due_ns });
     }
 
@@ -263,6 +274,12 @@ impl State {
     }
 
     fn take_work_step(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        if let Event::WorkQueued { .. }
+        | Event::WorkNotNeeded { .. }
+        | Event::WorkNotQueued { .. } = event
+        {
+            self.queueing = self.queueing.saturating_sub(1);
+        }
         let options = &self.options;
         match event {
             Event::WorkQueued { work, known } => {
@@ -274,7 +291,11 @@ impl State {
                 self.fits.look_now();
             }
             Event::WorkNotNeeded { work, reason } => {
-                tracing::debug!(subject = work.subject, reason, "no fit yet");
+                out.report(JobNotNeeded {
+                    kind: work.kind.name(),
+                    subject: work.subject,
+                    reason,
+                });
             }
             Event::WorkNotQueued { failure, .. } => {
                 report_failure(failure, true, out);
@@ -299,6 +320,7 @@ impl State {
             } => {
                 self.fits.committed(job, version, known, out);
                 if version.is_some() {
+                    self.sets_loading += 1;
                     out.push(Command::LoadBacklog(BacklogPart::Sets));
                 }
             }
@@ -361,7 +383,7 @@ impl State {
     }
 
     /// Takes up what the store holds and nobody works on.
-    fn take_up(&mut self, now_ns: i64, backlog: Backlog, out: &mut Outbox) {
+    fn take_up(&mut self, now_ns: i64, backlog: Backlog, out: &mut Outbox) -> WorkTakenUp {
         let mut taken = WorkTakenUp::default();
         for window in backlog.unscreened {
             if !self.windows.knows(&window.id) {
@@ -375,8 +397,7 @@ impl State {
             }
         }
         for set in backlog.unpublished {
-            taken.sets += 1;
-            self.publishing.begin(set, out);
+            taken.sets += usize::from(self.publishing.begin(set, out));
         }
         for (site, windows) in backlog.usable {
             for window in &windows {
@@ -387,7 +408,15 @@ impl State {
         if backlog.more {
             self.sweep_soon(now_ns, BacklogPart::WindowsAndSets);
         }
-        out.report(taken);
+        taken
+    }
+
+    /// Sets alone are asked for out of turn, after each decision.
+    const fn answered(&mut self, part: BacklogPart) {
+        match part {
+            BacklogPart::Sets => self.sets_loading = self.sets_loading.saturating_sub(1),
+            BacklogPart::Everything | BacklogPart::WindowsAndSets => self.sweep.in_flight = false,
+        }
     }
 
     fn tick(&mut self, now_ns: i64, out: &mut Outbox) {
@@ -461,6 +490,7 @@ impl State {
         let done = intake_stopped
             && self.windows.at_rest()
             && self.fits.at_rest()
+            && self.queueing + self.sets_loading == 0
             && self.publishing.at_rest();
         if !done && now_ns < deadline_ns {
             return;
@@ -473,15 +503,6 @@ impl State {
         }
         self.phase = Phase::Stopped;
         out.push(Command::Stop);
-    }
-}
-
-impl Sweep {
-    /// Sets alone are asked for out of turn, after each decision.
-    fn answered(&mut self, part: BacklogPart) {
-        if part != BacklogPart::Sets {
-            self.in_flight = false;
-        }
     }
 }
 

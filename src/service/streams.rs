@@ -118,7 +118,7 @@ impl Stream {
     fn new(options: SiteOptions) -> Self {
         Self {
             concentrator: Concentrator::new(&options.site, options.concentrator.clone()),
-            detector: Detector::new(&options.site, options.detector.clone()),
+            detector: Detector::new(&options.site, options.detector),
             options,
             arrived_ns: None,
         }

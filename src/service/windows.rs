@@ -10,7 +10,7 @@ use std::{
 
 use super::{Command, Failure, ServiceOptions, outbox::Outbox};
 use crate::{
-    disturbance::{Screening, Window},
+    disturbance::{Screening, ScreeningReason, Window},
     telemetry::{
         store::StoreFailed,
         windows::{WindowDropped, WindowFound, WindowKept, WindowScreened, WindowsSpooled},
@@ -129,7 +129,11 @@ impl Windows {
         out.report(WindowScreened {
             window: window.id.clone(),
             site: window.site.clone(),
-            refusals: screening.refusals.iter().map(|r| r.label()).collect(),
+            refusals: screening
+                .refusals
+                .iter()
+                .map(ScreeningReason::label)
+                .collect(),
             in_words: in_words(&screening),
         });
         self.in_progress

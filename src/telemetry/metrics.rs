@@ -117,6 +117,9 @@ impl Family {
             Kind::Gauge => {
                 let family = GaugeVec::new(declared.opts(), declared.labels)?;
                 registry.register(Box::new(family.clone()))?;
+                if declared.labels.is_empty() {
+                    family.get_metric_with_label_values::<&str>(&[])?;
+                }
                 Ok(Self::Gauge(family))
             }
             Kind::Histogram(bounds) => {

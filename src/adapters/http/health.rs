@@ -28,6 +28,10 @@ impl fmt::Debug for Health {
 }
 
 /// The answer to a probe.
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "each is a check of its own, with a name that probes read"
+)]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct HealthReport {
     /// The loop makes progress: otherwise restart the service.

@@ -198,8 +198,8 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// Zenoh's configuration from ours. Nothing is reached that is not named: multicast and gossip
-/// are off unless asked for, and every endpoint is explicit.
+/// Zenoh's configuration from ours. Nothing is reached that is not named: no multicast, no
+/// connections by hearsay unless asked for, and every endpoint is explicit.
 fn configuration(options: &ZenohOptions) -> Result<Config, ZenohError> {
     let mut config = Config::default();
     let listen = if options.mode == Mode::Client {
@@ -207,10 +207,16 @@ fn configuration(options: &ZenohOptions) -> Result<Config, ZenohError> {
     } else {
         options.listen.clone()
     };
+    // What others tell of others is not connected to either, unless one may look around anyway.
+    let autoconnect = if options.multicast {
+        r#"{"router":[],"peer":["router","peer"],"client":["router","peer"]}"#.to_owned()
+    } else {
+        r#"{"router":[],"peer":[],"client":[]}"#.to_owned()
+    };
     let own = [
         ("mode", json(options.mode.name())),
         ("scouting/multicast/enabled", json(options.multicast)),
-        ("scouting/gossip/enabled", json(options.multicast)),
+        ("scouting/gossip/autoconnect", autoconnect),
         ("listen/endpoints", json(listen)),
         ("connect/endpoints", json(options.connect.clone())),
     ];
@@ -249,8 +255,9 @@ mod tests {
     fn by_default_nobody_is_looked_for() {
         let config = configuration(&ZenohOptions::default()).unwrap();
         let multicast = config.get_json("scouting/multicast/enabled").unwrap();
-        let gossip = config.get_json("scouting/gossip/enabled").unwrap();
-        assert_eq!((multicast.as_str(), gossip.as_str()), ("false", "false"));
+        assert_eq!(multicast, "false");
+        let hearsay = config.get_json("scouting/gossip/autoconnect").unwrap();
+        assert!(!hearsay.contains("\"peer\":[\""), "{hearsay}");
         let listen = config.get_json("listen/endpoints").unwrap();
         assert!(
             listen.contains("127.0.0.1") && !listen.contains("[::]"),

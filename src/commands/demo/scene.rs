@@ -72,10 +72,6 @@ impl Scene {
         &self.store
     }
 
-    pub(super) fn prefix(&self) -> String {
-        ZenohOptions::default().prefix
-    }
-
     /// The defaults, with the waits that make sense in live time cut short.
     pub(super) fn settings(&self, http: SocketAddr) -> Settings {
         let cores = thread::available_parallelism().map_or(1, usize::from);

@@ -21,7 +21,7 @@ const BATCH_S: f64 = 0.1;
 /// shortest queue, so that nothing is ever dropped.
 const BATCHES_BETWEEN_BARRIERS: u64 = 64;
 /// Longest wait for the daemon to take in what was sent.
-const BARRIER_LIMIT: Duration = Duration::from_secs(60);
+const BARRIER_LIMIT: Duration = Duration::from_mins(1);
 /// Time between two events, seconds of the original: their real distance may be months.
 const BETWEEN_EVENTS_S: f64 = 2.0;
 
