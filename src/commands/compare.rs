@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use super::fitting::{self, FitArgs, ScreenedWindows};
 use crate::{
     adapters::{
         recordings::site_folder::{self, SiteFolder},
@@ -18,7 +19,7 @@ use crate::{
     disturbance::Window,
     identification::{
         self, Comparison, ErrorSummary, EventErrors, Identification, IdentificationError,
-        IdentificationOptions, ParameterSet, Split, VerdictStatus,
+        IdentificationOptions, ParameterSet, VerdictStatus,
     },
 };
 
@@ -32,35 +33,14 @@ pub struct CompareArgs {
     #[arg(value_name = "SITE_DIR")]
     pub site: PathBuf,
     /// Parameter set (JSON); without it the parameters are identified from the folder.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["structure", "train", "hold_out"])]
     pub parameters: Option<PathBuf>,
     /// Another parameter set (JSON) to draw beside it.
     #[arg(long, value_name = "FILE")]
     pub against: Option<PathBuf>,
-    /// Parts of the model to identify.
-    #[arg(
-        long,
-        value_name = "A+B",
-        default_value = "zip+induction_motor",
-        conflicts_with = "parameters"
-    )]
-    pub structure: String,
-    /// Events to fit, by name; default: all that are not held out.
-    #[arg(
-        long,
-        value_name = "EVENT,...",
-        value_delimiter = ',',
-        conflicts_with = "parameters"
-    )]
-    pub train: Vec<String>,
-    /// Events to hold out, by name; default: a third, or none with --train.
-    #[arg(
-        long,
-        value_name = "EVENT,...",
-        value_delimiter = ',',
-        conflicts_with = "parameters"
-    )]
-    pub hold_out: Vec<String>,
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "the flattened options bring their own help")]
+    pub fit: FitArgs,
     /// The HTML report to write.
     #[arg(long, value_name = "FILE", default_value = "report.html")]
     pub report: PathBuf,
@@ -124,18 +104,19 @@ pub enum CompareError {
 /// See [`CompareError`].
 pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> {
     let folder = site_folder::load_events(&args.site)?;
-    let windows = windows(&folder);
-    let options = options(args);
+    let screened = fitting::screened(&folder);
+    let windows = &screened.usable;
+    let options = args.fit.options();
     let source = match &args.parameters {
         Some(path) => Source::File(read_parameters(path)?),
-        None => Source::Fit(identify(args, &folder, &windows, &options)?),
+        None => Source::Fit(fitting::identify(&args.fit, &folder, &screened, &options)?),
     };
-    let comparisons = identification::compare(source.set(), &windows, &options)?;
+    let comparisons = identification::compare(source.set(), windows, &options)?;
     let against = match &args.against {
-        Some(path) => Some(Against::new(path, &windows, &options)?),
+        Some(path) => Some(Against::new(path, windows, &options)?),
         None => None,
     };
-    let left_out = left_out(&folder, &windows, &source, &comparisons);
+    let left_out = left_out(&folder, &screened, &source, &comparisons);
     let page = report::render(&Report {
         set: source.set(),
         comparisons: &comparisons,
@@ -155,34 +136,6 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
         writeln!(out, "report {}", args.report.display())?;
     }
     Ok(())
-}
-
-/// Every event of the folder as a window that bears the event's name.
-pub(super) fn windows(folder: &SiteFolder) -> Vec<Window> {
-    folder
-        .events
-        .iter()
-        .map(|event| Window {
-            id: event.name.clone(),
-            ..site_folder::window(&folder.site, &event.record)
-        })
-        .collect()
-}
-
-fn options(args: &CompareArgs) -> IdentificationOptions {
-    let named = !(args.train.is_empty() && args.hold_out.is_empty());
-    let default = IdentificationOptions::default();
-    IdentificationOptions {
-        split: if named {
-            Split::Named {
-                fitted: args.train.clone(),
-                held_out: args.hold_out.clone(),
-            }
-        } else {
-            default.split.clone()
-        },
-        ..default
-    }
 }
 
 /// Where the parameters come from.
@@ -263,29 +216,10 @@ fn read_parameters(path: &Path) -> Result<ParameterSet, CompareError> {
     })
 }
 
-fn identify(
-    args: &CompareArgs,
-    folder: &SiteFolder,
-    windows: &[Window],
-    options: &IdentificationOptions,
-) -> Result<Identification, CompareError> {
-    let structure: Vec<_> = args
-        .structure
-        .split('+')
-        .map(|p| p.trim().to_owned())
-        .collect();
-    let spinner = indicatif::ProgressBar::new_spinner();
-    spinner.set_message(format!("identifying from {} events", windows.len()));
-    spinner.enable_steady_tick(std::time::Duration::from_millis(120));
-    let found = identification::identify(&folder.site, windows, &structure, options, &|| false);
-    spinner.finish_and_clear();
-    Ok(found?)
-}
-
 /// Events that are not in the comparison, with the reason.
 fn left_out(
     folder: &SiteFolder,
-    windows: &[Window],
+    windows: &ScreenedWindows,
     source: &Source,
     comparisons: &[Comparison],
 ) -> Vec<(String, String)> {
@@ -300,10 +234,14 @@ fn left_out(
         known.map_or("it cannot be simulated", |(_, reason)| reason.as_str())
     };
     let missing = windows
+        .usable
         .iter()
         .filter(|window| comparisons.iter().all(|c| c.event != window.id))
         .map(|window| (window.id.clone(), reason(&window.id).to_owned()));
-    unread.chain(missing).collect()
+    unread
+        .chain(missing)
+        .chain(windows.refused.iter().cloned())
+        .collect()
 }
 
 fn print_table(
@@ -413,6 +351,7 @@ mod tests {
     use crate::{
         adapters::{bundled, report::fixture},
         disturbance::Trigger,
+        identification::Split,
     };
 
     #[derive(Parser)]
@@ -458,16 +397,9 @@ mod tests {
             fitted: vec!["a".to_owned(), "b".to_owned()],
             held_out: vec!["c".to_owned()],
         };
-        assert_eq!(options(&args).split, expected);
+        assert_eq!(args.fit.options().split, expected);
         let args = parsed(&["dir"]).unwrap();
-        assert_eq!(options(&args), IdentificationOptions::default());
-    }
-
-    #[test]
-    fn a_given_set_excludes_what_only_a_fit_needs() {
-        assert!(parsed(&["dir", "--parameters", "p.json", "--train", "a"]).is_err());
-        assert!(parsed(&["dir", "--parameters", "p.json", "--structure", "zip"]).is_err());
-        assert!(parsed(&["dir", "--parameters", "p.json", "--against", "q.json"]).is_ok());
+        assert_eq!(args.fit.options(), IdentificationOptions::default());
     }
 
     #[test]
@@ -475,10 +407,16 @@ mod tests {
         let parent = tempfile::tempdir().unwrap();
         let site = &bundled::sites()[0];
         let folder = site_folder::load_events(&site.extract_to(parent.path()).unwrap()).unwrap();
-        let windows = windows(&folder);
+        let windows = fitting::screened(&folder).usable;
         assert_eq!(windows[0].id, "event_01");
-        assert_eq!(windows.len(), site.events.len());
         assert!(windows.iter().all(|w| w.triggers == [Trigger::Recording]));
+    }
+
+    #[test]
+    fn a_given_set_excludes_what_only_a_fit_needs() {
+        assert!(parsed(&["dir", "--parameters", "p.json", "--train", "a"]).is_err());
+        assert!(parsed(&["dir", "--parameters", "p.json", "--structure", "zip"]).is_err());
+        assert!(parsed(&["dir", "--parameters", "p.json", "--against", "q.json"]).is_ok());
     }
 
     #[test]

@@ -9,7 +9,9 @@ pub mod compare;
 mod connection;
 pub mod demo;
 mod error;
+mod fitting;
 pub mod generate;
+pub mod identify;
 pub mod inspect;
 pub mod replay;
 pub mod run;
@@ -54,6 +56,8 @@ enum Command {
     Subscribe(subscribe::SubscribeArgs),
     /// Hold a model against the measurements of a site folder: table and report with plots
     Compare(compare::CompareArgs),
+    /// Fit a site folder, list all solutions, validate
+    Identify(identify::IdentifyArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
     /// Make synthetic sites whose truth is known
@@ -77,6 +81,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Demo(args) => demo::run(&args, out),
         Command::Replay(args) => replay::run(&args, out),
         Command::Subscribe(args) => subscribe::run(&args, out),
+        Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),

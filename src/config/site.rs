@@ -45,15 +45,16 @@ pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings
 
 /// A chunk of a key expression: the rule for names of sites, recorders and instances.
 pub(super) fn chunk(text: &str) -> Result<String, String> {
-    const LONGEST: usize = 64;
+    /// As on the wire.
+    const BYTES_MAX: usize = 128;
     let forbidden = |c: char| "/*$?#".contains(c) || c.is_whitespace() || c.is_control();
     if text.is_empty()
-        || text.chars().count() > LONGEST
+        || text.len() > BYTES_MAX
         || text.starts_with(['@', '.'])
         || text.contains(forbidden)
     {
         return Err(format!(
-            "1 to {LONGEST} characters, none of / * $ ? # or space, not beginning with @ or ."
+            "1 to {BYTES_MAX} bytes, none of / * $ ? # or space, not beginning with @ or ."
         ));
     }
     Ok(text.to_owned())

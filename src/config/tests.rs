@@ -135,7 +135,7 @@ v_base_kv = 110
             "bad.toml:8:10: http.listen: \"everywhere\" is not admissible; allowed: an address and a port such as \"127.0.0.1:9464\", or \"\" for none",
             "bad.toml:11:19: publishing.manual_approval: string given; allowed: true or false",
             "bad.toml:13:1: site.nominal_hz: missing; allowed: the nominal frequency, 10 to 100 Hz",
-            "bad.toml:14:8: site.name: \"a b\" is not admissible; allowed: 1 to 64 characters, none of / * $ ? # or space, not beginning with @ or .",
+            "bad.toml:14:8: site.name: \"a b\" is not admissible; allowed: 1 to 128 bytes, none of / * $ ? # or space, not beginning with @ or .",
             "bad.toml:15:14: site.s_base_mva: -1 is not admissible; allowed: 0.001 to 1000000",
             "bad.toml:18:2: unknown: unknown key; allowed: instance, zenoh, store, http, log, workers, measurement, detection, screening, identification, publishing, site",
         ]

@@ -250,13 +250,8 @@ pub fn estimates(
         let slope = gradient(&coordinates, |x| value_at(x, X_MOTOR_BASE));
         let variance = (slope.transpose() * &covariance * &slope)[0];
         let error = variance.sqrt();
-        let interval = quantity.in_valley.then(|| {
-            let (a, b) = (
-                value_at(&coordinates, X_MOTOR_BASE_RANGE.0),
-                value_at(&coordinates, X_MOTOR_BASE_RANGE.1),
-            );
-            (a.min(b), a.max(b))
-        });
+        let interval =
+            (quantity.in_valley).then(|| valley(quantity, |x_own| at(&coordinates, x_own)));
         let width = quantity.bounds.1 - quantity.bounds.0;
         let determined = error.is_finite() && error < DETERMINED_SHARE * width;
         ParameterEstimate {
@@ -287,6 +282,25 @@ pub fn estimates(
         rank,
         condition,
     }
+}
+
+/// Range of a quantity along the null direction. Where the static reactive power passes through zero
+/// on the way its shares pass through infinity: nothing can be said of them.
+fn valley(quantity: &Quantity, at: impl Fn(f64) -> ZipImParameters) -> (f64, f64) {
+    const POINTS: u32 = 40;
+    let (from, to) = X_MOTOR_BASE_RANGE;
+    let points: Vec<ZipImParameters> = (0..=POINTS)
+        .map(|i| at(from + (to - from) * f64::from(i) / f64::from(POINTS)))
+        .collect();
+    let sign = |p: &ZipImParameters| p.q_zip0_pu > 0.0;
+    let is_share = ["Qz", "Qi", "Qq"].contains(&quantity.name);
+    if is_share && points.iter().any(|p| sign(p) != sign(&points[0])) {
+        return quantity.bounds;
+    }
+    let values = points.iter().map(quantity.value);
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+        (low.min(v), high.max(v))
+    })
 }
 
 fn coordinates_of(solution: &FitSolution) -> Vec<f64> {

@@ -30,10 +30,10 @@ impl Default for SearchOptions {
         let mut options = trust_tech::Options {
             tiers_max: 3,
             step: 0.04,
-            // A local solution with three times the squared error of the best describes another
-            // load; what lies behind it is not this load's either.
-            explore_within: 3.0,
-            evaluations_max: 4000,
+            // What lies behind a local solution with half as much squared error again describes
+            // another load.
+            explore_within: 1.5,
+            evaluations_max: 1500,
             ..trust_tech::Options::default()
         };
         // The objective is a sum of squares of some thousand samples: a relative decrease below

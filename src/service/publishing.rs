@@ -20,11 +20,11 @@ struct Underway {
 }
 
 impl Publishing {
-    /// A set waits to be published.
-    pub(super) fn begin(&mut self, set: PendingSet, out: &mut Outbox) {
+    /// A set waits to be published; false when it is under way already.
+    pub(super) fn begin(&mut self, set: PendingSet, out: &mut Outbox) -> bool {
         let key = (set.site.clone(), set.version);
         if self.sets.contains_key(&key) {
-            return;
+            return false;
         }
         let underway = Underway {
             set,
@@ -33,6 +33,7 @@ impl Publishing {
         };
         underway.give(out);
         self.sets.insert(key, underway);
+        true
     }
 
     /// A set is on its key.

@@ -39,6 +39,8 @@ pub struct State {
     windows: Windows,
     fits: Fits,
     publishing: Publishing,
+    /// Jobs on their way to the queue.
+    queueing: usize,
     /// Since when a joint fit of a site has been postponed.
     postponed_since_ns: BTreeMap<String, i64>,
     questions: usize,
@@ -76,6 +78,7 @@ impl State {
             windows: Windows::new(&options),
             fits: Fits::new(),
             publishing: Publishing::default(),
+            queueing: 0,
             postponed_since_ns: BTreeMap::new(),
             questions: 0,
             sweep: Sweep {
@@ -108,6 +111,7 @@ impl State {
             && self.windows.at_rest()
             && self.fits.at_rest()
             && self.publishing.at_rest()
+            && self.queueing == 0
             && !self.sweep.in_flight
             && self.sweep.part != BacklogPart::Everything
     }
@@ -149,7 +153,10 @@ impl State {
             | Event::QuestionAnswered { .. } => self.take_publication(now_ns, event, out),
             Event::BacklogLoaded(part, backlog) => {
                 self.sweep.answered(part);
-                self.take_up(now_ns, backlog, out);
+                let taken = self.take_up(now_ns, backlog, out);
+                if part != BacklogPart::Sets {
+                    out.report(taken);
+                }
             }
             Event::BacklogFailed(part, failure) => {
                 self.sweep.answered(part);
@@ -247,6 +254,7 @@ impl State {
             super::WorkKind::Event => now_ns,
             super::WorkKind::Site => self.settled_ns(now_ns, &work.site),
         };
+        self.queueing += 1;
         out.push(Command::Queue { work, due_ns });
     }
 
@@ -263,6 +271,12 @@ impl State {
     }
 
     fn take_work_step(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+        if let Event::WorkQueued { .. }
+        | Event::WorkNotNeeded { .. }
+        | Event::WorkNotQueued { .. } = event
+        {
+            self.queueing = self.queueing.saturating_sub(1);
+        }
         let options = &self.options;
         match event {
             Event::WorkQueued { work, known } => {
@@ -361,7 +375,7 @@ impl State {
     }
 
     /// Takes up what the store holds and nobody works on.
-    fn take_up(&mut self, now_ns: i64, backlog: Backlog, out: &mut Outbox) {
+    fn take_up(&mut self, now_ns: i64, backlog: Backlog, out: &mut Outbox) -> WorkTakenUp {
         let mut taken = WorkTakenUp::default();
         for window in backlog.unscreened {
             if !self.windows.knows(&window.id) {
@@ -375,8 +389,7 @@ impl State {
             }
         }
         for set in backlog.unpublished {
-            taken.sets += 1;
-            self.publishing.begin(set, out);
+            taken.sets += usize::from(self.publishing.begin(set, out));
         }
         for (site, windows) in backlog.usable {
             for window in &windows {
@@ -387,7 +400,7 @@ impl State {
         if backlog.more {
             self.sweep_soon(now_ns, BacklogPart::WindowsAndSets);
         }
-        out.report(taken);
+        taken
     }
 
     fn tick(&mut self, now_ns: i64, out: &mut Outbox) {
@@ -461,6 +474,7 @@ impl State {
         let done = intake_stopped
             && self.windows.at_rest()
             && self.fits.at_rest()
+            && self.queueing == 0
             && self.publishing.at_rest();
         if !done && now_ns < deadline_ns {
             return;

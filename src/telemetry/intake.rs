@@ -168,22 +168,25 @@ pub struct PayloadRefused {
 
 impl Occurrence for PayloadRefused {
     fn emit(&self, metrics: &Metrics) {
-        metrics.add(
-            &catalogue::PAYLOADS_REFUSED,
-            &[self.source.name(), self.reason],
-            1,
-        );
-        warn!(
-            key = self.key,
-            reason = self.reason,
-            error = self.error,
-            "payload refused"
-        );
+        let labels = [self.source.name(), self.reason];
+        metrics.add(&catalogue::PAYLOADS_REFUSED, &labels, 1);
+        let count = metrics.value(&catalogue::PAYLOADS_REFUSED, &labels);
+        if is_worth_a_line(count) {
+            let (key, reason) = (&self.key, self.reason);
+            warn!(key, reason, error = self.error, count, "payload refused");
+        }
     }
 
     fn sentence(&self) -> Option<String> {
         Some(format!("refused a payload on {}: {}", self.key, self.error))
     }
+}
+
+/// The first ten of a kind are logged, then the 16th, the 32nd and so on: a flood of bad payloads
+/// must not become a flood of log lines.
+fn is_worth_a_line(count: f64) -> bool {
+    const ALL_UP_TO: f64 = 10.0;
+    count <= ALL_UP_TO || count.log2().fract().abs() < f64::EPSILON
 }
 
 /// The intake queue was full.
@@ -220,4 +223,17 @@ impl Occurrence for MessagesDropped {
 /// Nanoseconds as seconds, for gauges.
 pub(super) fn seconds(nanoseconds: i64) -> f64 {
     nanoseconds as f64 / 1e9
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flood_of_bad_payloads_makes_few_lines() {
+        let lines = (1..=10_000)
+            .filter(|n| is_worth_a_line(f64::from(*n)))
+            .count();
+        assert_eq!(lines, 10 + 10); // 1 to 10, then 16, 32, ... 8192
+    }
 }

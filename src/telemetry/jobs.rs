@@ -131,16 +131,30 @@ impl Occurrence for FitFinished {
             .map_or_else(String::new, |(p_percent, q_percent, _)| {
                 format!(", held out eps_P {p_percent:.3} % eps_Q {q_percent:.3} %")
             });
+        let reasons = shortened(&self.reasons);
         let verdict = match self.result {
-            FitResult::Pass => "passed".to_owned(),
-            FitResult::Fail => format!("failed validation: {}", self.reasons.join("; ")),
-            FitResult::CannotJudge => format!("cannot be judged: {}", self.reasons.join("; ")),
+            FitResult::Pass => "; passed".to_owned(),
+            FitResult::Fail => format!("; failed validation: {reasons}"),
+            // One event alone can never be judged.
+            FitResult::CannotJudge if !self.joint => String::new(),
+            FitResult::CannotJudge => format!("; cannot be judged: {reasons}"),
         };
         Some(format!(
-            "{what} of {} in {:.1} s: error to noise {:.2}{held_out}; {verdict}",
+            "{what} of {} in {:.1} s: error to noise {:.2}{held_out}{verdict}",
             self.subject, self.seconds, self.error_to_noise
         ))
     }
+}
+
+/// The first reasons; a long list says less.
+fn shortened(reasons: &[String]) -> String {
+    const SHOWN_MAX: usize = 2;
+    let shown = reasons.iter().take(SHOWN_MAX).cloned().collect::<Vec<_>>();
+    let left = reasons.len().saturating_sub(SHOWN_MAX);
+    if left == 0 {
+        return shown.join("; ");
+    }
+    format!("{}; and {left} more", shown.join("; "))
 }
 
 /// A fit ended with an error.

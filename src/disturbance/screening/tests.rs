@@ -114,7 +114,7 @@ fn a_load_switched_at_constant_voltage_does_not_follow_it() {
 fn a_fault_inside_the_load_raises_its_power_while_the_voltage_is_low() {
     let inside = changed(dip(0.4), |k, s| {
         if (ONSET..ONSET + 10).contains(&k) {
-            s.active_pu = 4.0;
+            s.active_pu = 6.0;
         }
     });
     assert_eq!(refusals(&inside), ["power_does_not_follow_voltage"]);

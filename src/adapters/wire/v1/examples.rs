@@ -192,7 +192,6 @@ pub(in crate::adapters) fn identification() -> Identification {
             ),
             direction(4, DirectionOutcome::LocalSolverInfeasible),
         ],
-        refused: Vec::new(),
         cost: Cost {
             simulations: 100,
             sensitivity_simulations: 50,
