@@ -26,6 +26,10 @@ const NOT_WORSE_FACTOR: f64 = 1.02;
 
 /// Decides what to do with `candidate`.
 #[must_use]
+#[allow(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "settings are passed alike everywhere"
+)]
 pub fn decide(
     candidate: &ParameterSet,
     in_force: Option<&InForce>,
@@ -36,7 +40,7 @@ pub fn decide(
         VerdictStatus::Fail => Decision::Reject {
             reason: format!("validation failed: {reasons}"),
         },
-        VerdictStatus::CannotJudge => unjudged(in_force, options, &reasons),
+        VerdictStatus::CannotJudge => unjudged(in_force, options.allow_unvalidated, &reasons),
         VerdictStatus::Pass => match compared(candidate, in_force) {
             Err(reason) => Decision::Reject { reason },
             Ok(reason) if options.manual_approval => Decision::AwaitApproval { reason },
@@ -45,8 +49,8 @@ pub fn decide(
     }
 }
 
-fn unjudged(in_force: Option<&InForce>, options: &DecisionOptions, reasons: &str) -> Decision {
-    if !options.allow_unvalidated {
+fn unjudged(in_force: Option<&InForce>, allowed: bool, reasons: &str) -> Decision {
+    if !allowed {
         let reason = format!("cannot be judged ({reasons}) and unvalidated sets are not allowed");
         return Decision::Reject { reason };
     }

@@ -310,9 +310,9 @@ fn split(
             let (mut fitted, mut held) = (Vec::new(), Vec::new());
             for (i, event) in events.into_iter().enumerate() {
                 if chosen.contains(&i) {
-                    held.push(event)
+                    held.push(event);
                 } else {
-                    fitted.push(event)
+                    fitted.push(event);
                 }
             }
             Ok((fitted, held))

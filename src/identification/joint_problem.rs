@@ -277,7 +277,7 @@ impl<'a> JointProblem<'a> {
     }
 
     /// Rows of the bounds and limits that hold with equality at `beta`.
-    fn active_rows(&self, beta: &[f64; LINEAR], at_bound: &[bool; LINEAR]) -> DMatrix<f64> {
+    fn active_rows(&self, beta: &[f64; LINEAR], at_bound: [bool; LINEAR]) -> DMatrix<f64> {
         let limits = self.share_limits();
         let x = DVector::from_column_slice(beta);
         let mut rows: Vec<[f64; LINEAR]> = (0..LINEAR)
@@ -327,7 +327,7 @@ impl<'a> JointProblem<'a> {
             objective: self.objective(sum, &h, &g, &beta),
             linear: beta,
             linear_at_bound: at_bound,
-            linear_free: null_space(&self.active_rows(&beta, &at_bound)),
+            linear_free: null_space(&self.active_rows(&beta, at_bound)),
             information,
             gradient,
         })

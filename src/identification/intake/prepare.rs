@@ -123,8 +123,19 @@ impl PreparedEvent {
 
 /// Fine grid points per sample interval. Chosen: half steps of eight substeps lie on it.
 const POINTS_PER_SAMPLE: usize = 16;
+/// Voltage before the event below which the bus is dead, pu.
+const VOLTAGE_MIN_PU: f64 = 0.05;
 /// Standard deviation left to P0 and Q0 when there was no steady part to measure them.
 const UNKNOWN_OPERATING_POINT: f64 = 0.05;
+
+/// The terminal voltage of an event, smoothed, with its jumps.
+struct Voltage {
+    smooth: Vec<LogPhasor>,
+    phasor: Vec<[f64; 2]>,
+    at_edge: Vec<bool>,
+    edges: Vec<Edge>,
+    noise: f64,
+}
 
 /// Prepares one window for fitting. Pure; cost linear in the number of samples.
 ///
@@ -142,83 +153,123 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
     if usable < required {
         return Err(Unusable::TooFewSamples { usable, required });
     }
-    let mut at_edge = edges::steps_at_edges(&series);
-    let before = operating_point::find(&series, &at_edge, window.onset);
-    if !(before.voltage.is_finite() && before.voltage > 0.05) {
+    let steps = edges::steps_at_edges(&series);
+    let before = operating_point::find(&series, &steps, window.onset);
+    if !(before.voltage.is_finite() && before.voltage > VOLTAGE_MIN_PU) {
         return Err(Unusable::NoVoltage {
             voltage_pu: before.voltage,
         });
     }
-    let noise = edges::input_noise(&series);
-    let raw = terminal_phasor(&series, &before);
+    let voltage = terminal_voltage(&series, &before, steps);
+    check_disturbance(&voltage.phasor, &series, options)?;
+    let mut event = assembled(&window.id, &series, &before, voltage, options)?;
+    event.spikes = spikes;
+    Ok(event)
+}
+
+fn terminal_voltage(
+    series: &Series,
+    before: &operating_point::PreEvent,
+    mut at_edge: Vec<bool>,
+) -> Voltage {
+    let noise = edges::input_noise(series);
+    let raw = terminal_phasor(series, before);
     // Behind a phasor filter the smeared voltage goes with smeared P and Q; only samples that no
     // filter has touched show true jumps, whose instant they leave open.
     let edges = edges::unfiltered_jumps(&raw, &at_edge).unwrap_or_default();
-    let instantaneous = !edges.is_empty();
-    if instantaneous {
+    if !edges.is_empty() {
         at_edge.fill(false);
-        edges.iter().for_each(|edge| at_edge[edge.left] = true);
+        for edge in &edges {
+            at_edge[edge.left] = true;
+        }
     }
-    let smooth = smoothing::smooth(&raw, &series, &at_edge, noise);
-    let phasor: Vec<[f64; 2]> = smooth
+    let smooth = smoothing::smooth(&raw, series, &at_edge, noise);
+    let phasor = smooth
         .iter()
         .map(|l| [l[0].exp() * l[1].cos(), l[0].exp() * l[1].sin()])
         .collect();
-    check_disturbance(&phasor, &series, options)?;
-    let (real, imaginary) = smoothing::reconstruct(&smooth, &at_edge, &edges, POINTS_PER_SAMPLE);
+    Voltage {
+        smooth,
+        phasor,
+        at_edge,
+        edges,
+        noise,
+    }
+}
+
+fn assembled(
+    id: &str,
+    series: &Series,
+    before: &operating_point::PreEvent,
+    u: Voltage,
+    options: &IntakeOptions,
+) -> Result<PreparedEvent, Unusable> {
     let scaled = |x: &[f64]| x.iter().map(|y| y / before.active).collect::<Vec<_>>();
     let (active, reactive) = (scaled(&series.active), scaled(&series.reactive));
     let weigh = |values: &[f64], share: f64| {
         // Samples that no filter has spread are right up to the jump itself.
-        let share = if instantaneous { 0.0 } else { share };
-        weights::channel(values, &phasor, before.samples, noise, share)
+        let share = if u.edges.is_empty() { share } else { 0.0 };
+        weights::channel(values, &u.phasor, before.samples, u.noise, share)
     };
     let active_weights = weigh(&active, options.edge_share_active);
     let reactive_weights = weigh(&reactive, options.edge_share_reactive);
     check_load(before.active, active_weights.noise)?;
-    let voltage: Vec<f64> = smooth.iter().map(|l| l[0].exp()).collect();
+    let voltage: Vec<f64> = u.smooth.iter().map(|l| l[0].exp()).collect();
+    let to_edge = edges::distance_to_edge(&u.at_edge, series.len());
     let two_cycles = 2.0 * series.samples_per_cycle();
-    let to_edge = edges::distance_to_edge(&at_edge, series.len());
-    let frequency_deviation = frequency::deviation(&smooth, &to_edge, &series);
     Ok(PreparedEvent {
-        id: window.id.clone(),
+        id: id.to_owned(),
         rate_fps: series.rate_fps,
         v0_pu: before.voltage,
         p0_pu: before.active,
         q0_pu: before.reactive,
         steady_start: before.steady,
         event_start: before.samples,
-        input: TerminalInput {
-            real,
-            imaginary,
-            points_per_sample: POINTS_PER_SAMPLE,
-            sample_interval_s: 1.0 / series.rate_fps,
-            synchronous_speed_rad_s: 2.0 * PI * before.frequency_hz,
-            jumps: at_edge.clone(),
-        },
+        input: terminal_input(series, before, &u),
         lowest_voltage: voltage.iter().copied().fold(f64::INFINITY, f64::min),
         highest_voltage: voltage.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         voltage,
-        frequency_deviation,
+        frequency_deviation: frequency::deviation(&u.smooth, &to_edge, series),
         active,
         reactive,
+        operating_point_deviation: operating_point_deviation(before, active_weights.noise),
         active_deviation: active_weights.deviation,
         reactive_deviation: reactive_weights.deviation,
         active_noise: active_weights.noise,
         reactive_noise: reactive_weights.noise,
-        used: weights::used(&series),
+        used: weights::used(series),
         near_edge: to_edge.iter().map(|d| *d <= two_cycles).collect(),
-        operating_point_deviation: if before.steady {
-            // Neighbouring phasors are correlated: count one independent value per four samples.
-            active_weights.noise * (4.0 / before.samples as f64).sqrt()
-        } else {
-            UNKNOWN_OPERATING_POINT
-        },
-        edges,
-        smooth,
-        at_edge,
-        spikes,
+        edges: u.edges,
+        smooth: u.smooth,
+        at_edge: u.at_edge,
+        spikes: 0,
     })
+}
+
+fn terminal_input(
+    series: &Series,
+    before: &operating_point::PreEvent,
+    u: &Voltage,
+) -> TerminalInput {
+    let (real, imaginary) =
+        smoothing::reconstruct(&u.smooth, &u.at_edge, &u.edges, POINTS_PER_SAMPLE);
+    TerminalInput {
+        real,
+        imaginary,
+        points_per_sample: POINTS_PER_SAMPLE,
+        sample_interval_s: 1.0 / series.rate_fps,
+        jumps: u.at_edge.clone(),
+        synchronous_speed_rad_s: 2.0 * PI * before.frequency_hz,
+    }
+}
+
+fn operating_point_deviation(before: &operating_point::PreEvent, noise: f64) -> f64 {
+    if before.steady {
+        // Neighbouring phasors are correlated: count one independent value per four samples.
+        noise * (4.0 / before.samples as f64).sqrt()
+    } else {
+        UNKNOWN_OPERATING_POINT
+    }
 }
 
 /// ln|V/V0| and angle without the pre-event slope.

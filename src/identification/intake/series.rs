@@ -78,9 +78,9 @@ pub(super) fn bridged(values: &[f64], bad: &[bool]) -> Option<Vec<f64>> {
     out[last..].fill(values[last]);
     for pair in good.windows(2) {
         let (a, b) = (pair[0], pair[1]);
-        for k in a + 1..b {
-            let share = (k - a) as f64 / (b - a) as f64;
-            out[k] = values[a] + share * (values[b] - values[a]);
+        for (step, bridge) in (1..).zip(&mut out[a + 1..b]) {
+            let share = f64::from(step) / (b - a) as f64;
+            *bridge = values[a] + share * (values[b] - values[a]);
         }
     }
     Some(out)
