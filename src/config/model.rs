@@ -311,7 +311,7 @@ impl Default for IdentificationConfig {
             hold_out_share: 0.33,
             zip_box: ZipBox::Wide,
             max_tiers: 3,
-            max_evaluations: 1500,
+            max_evaluations: 1000,
         }
     }
 }

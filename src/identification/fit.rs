@@ -33,7 +33,7 @@ impl Default for SearchOptions {
             // What lies behind a local solution with half as much squared error again describes
             // another load.
             explore_within: 1.5,
-            evaluations_max: 1500,
+            evaluations_max: 1000,
             ..trust_tech::Options::default()
         };
         // The objective is a sum of squares of some thousand samples: a relative decrease below
@@ -84,6 +84,9 @@ const SAME_COORDINATES: f64 = 2e-3;
 /// tenth of a standard deviation in every direction.
 const SAME_OBJECTIVE: f64 = 0.005;
 
+/// Solutions without a motor are one when their objectives differ by less than this share.
+const NO_MOTOR_SHARE: f64 = 0.02;
+
 /// Fits the events jointly. `None` when no start is feasible.
 #[must_use]
 pub fn fit(
@@ -95,14 +98,16 @@ pub fn fit(
     let problem = JointProblem::new(events, problem, cancel);
     let bounds = outer_bounds();
     let spans = bounds.spans();
+    let no_motor = |x: &DVector<f64>| problem.point(x).is_some_and(|p| p.linear_at_bound[0]);
     let same = |a: &LocalSolution, b: &LocalSolution| {
         let step = &b.x - &a.x;
-        let close = step
-            .iter()
-            .zip(spans.iter())
-            .all(|(d, w)| d.abs() < SAME_COORDINATES * w);
+        let close = (step.iter().zip(spans.iter())).all(|(d, w)| d.abs() < SAME_COORDINATES * w);
         let rise = 0.5 * (step.transpose() * &a.curvature * &step)[0];
-        close || (rise < SAME_OBJECTIVE && (a.value - b.value).abs() < SAME_OBJECTIVE)
+        let apart = (a.value - b.value).abs();
+        close
+            || (rise < SAME_OBJECTIVE && apart < SAME_OBJECTIVE)
+            // With the motor share at its least value the motor's coordinates mean nothing.
+            || (apart < NO_MOTOR_SHARE * a.value && no_motor(&a.x) && no_motor(&b.x))
     };
     let starts = starts(&problem, search.grid_starts);
     let found = trust_tech::search(

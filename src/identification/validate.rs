@@ -35,6 +35,9 @@ pub struct ValidationOptions {
     /// Held-out errors below this multiple of the noise floor pass whatever the training error
     /// is. Default 1.5.
     pub noise_ratio_accepted: f64,
+    /// Held-out errors of P and Q below this pass whatever the training error is, percent.
+    /// Default 0.2: the accuracy class of good instrument transformers (IEC 61869).
+    pub error_accepted_percent: f64,
     /// Deepest fitted dip, relative to V0, below which the motor cannot be seen. Default 0.02.
     pub depth_min: f64,
 }
@@ -56,6 +59,7 @@ impl Default for ValidationOptions {
             excluded_after_clearing_s: 0.06,
             error_ratio_max: 1.5,
             noise_ratio_accepted: 1.5,
+            error_accepted_percent: 0.2,
             depth_min: 0.02,
         }
     }
@@ -179,7 +183,8 @@ fn failures(
     ];
     for (channel, held, fitted) in pairs {
         let near_noise = held_out.error_to_noise <= options.noise_ratio_accepted;
-        if held > options.error_ratio_max * fitted && !near_noise {
+        let small = held <= options.error_accepted_percent;
+        if held > options.error_ratio_max * fitted && !near_noise && !small {
             reasons.push(format!(
                 "held-out error of {channel} {held:.2} % is more than {} times the fit's {fitted:.2} %",
                 options.error_ratio_max
