@@ -1,6 +1,6 @@
 //! The command line: one file per command, and this table.
 //!
-//! A command is a line in [`Command`], an arm in [`dispatch`], and a module with its arguments
+//! A command is a line in `Command`, an arm in `dispatch`, and a module with its arguments
 //! (`clap::Args`) and `run(&args, out)`, which writes its result to `out` and its troubles to the
 //! error it returns. Exit codes: 0 done, 1 failed, 64 used wrongly (`sysexits.h`).
 

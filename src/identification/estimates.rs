@@ -418,6 +418,11 @@ fn mark_bounds(parameters: &mut [ParameterEstimate], solution: &FitSolution) {
     };
     for parameter in parameters {
         parameter.at_bound = depends(&parameter.name).iter().any(|&i| held[i]);
+        if parameter.at_bound {
+            // The bound decided, not the data.
+            parameter.standard_error = None;
+            parameter.identifiable = false;
+        }
     }
 }
 

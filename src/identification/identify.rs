@@ -171,6 +171,7 @@ pub fn identify(
         fit_errors: &fit_errors,
         held_out_errors: held_errors.as_ref(),
         motor_share_determined: determined(&estimates, "Kpm"),
+        slip: derived(&estimates, "slip"),
     };
     let verdict = validate(&evidence, &options.validation).map_err(infeasible)?;
     let solutions = solution_records(&found, &problem, &operating_point, site.nominal_hz);
@@ -381,6 +382,11 @@ fn determined(estimates: &Estimates, name: &str) -> bool {
         .parameters
         .iter()
         .any(|p| p.name == name && p.identifiable)
+}
+
+fn derived(estimates: &Estimates, name: &str) -> f64 {
+    let found = estimates.derived.iter().find(|d| d.name == name);
+    found.map_or(f64::NAN, |d| d.value)
 }
 
 fn solution_records(

@@ -38,6 +38,9 @@ pub struct ValidationOptions {
     /// Held-out errors of P and Q below this pass whatever the training error is, percent.
     /// Default 0.2: the accuracy class of good instrument transformers (IEC 61869).
     pub error_accepted_percent: f64,
+    /// Slip before the disturbance at most. Default 0.2: ordinary motors run at 0.005 to 0.05, and
+    /// far above that the fit uses the motor's equations for something that is no motor.
+    pub slip_max: f64,
     /// Deepest fitted dip, relative to V0, below which the motor cannot be seen. Default 0.02.
     pub depth_min: f64,
 }
@@ -60,6 +63,7 @@ impl Default for ValidationOptions {
             error_ratio_max: 1.5,
             noise_ratio_accepted: 1.5,
             error_accepted_percent: 0.2,
+            slip_max: 0.2,
             depth_min: 0.02,
         }
     }
@@ -80,6 +84,8 @@ pub struct Evidence<'a> {
     pub held_out_errors: Option<&'a ErrorSummary>,
     /// Whether the motor share is determined by the data.
     pub motor_share_determined: bool,
+    /// Slip of the motor before the disturbance, pu.
+    pub slip: f64,
 }
 
 /// Judges a fit.
@@ -167,6 +173,12 @@ fn failures(
         reasons.push(format!(
             "{} {} {}: largest {:.3}, mean {:.3}, mean absolute {:.3} pu of P0 exceed the limits",
             c.event, c.channel, c.segment, c.mxe_pu, c.me_pu, c.mae_pu
+        ));
+    }
+    if evidence.slip > options.slip_max {
+        reasons.push(format!(
+            "implausible motor: slip {:.2} before the disturbance",
+            evidence.slip
         ));
     }
     let pairs = [

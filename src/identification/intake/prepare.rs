@@ -121,8 +121,8 @@ impl PreparedEvent {
     }
 }
 
-/// Fine grid points per sample interval. Chosen: half steps of eight substeps lie on it.
-const POINTS_PER_SAMPLE: usize = 16;
+/// Fine grid points per sample interval. Chosen: half steps of sixteen substeps lie on it.
+const POINTS_PER_SAMPLE: usize = 32;
 /// Voltage before the event below which the bus is dead, pu.
 const VOLTAGE_MIN_PU: f64 = 0.05;
 /// Standard deviation left to P0 and Q0 when there was no steady part to measure them.
