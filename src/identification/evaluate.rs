@@ -59,10 +59,19 @@ impl FittedModel {
             )
             .map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>())
         };
-        let (active, reactive) = (0..event.len())
+        let (mut active, mut reactive): (Vec<f64>, Vec<f64>) = (0..event.len())
             .map(row)
             .map(|[p, q]| (1.0 + p, q0 + q))
             .unzip();
+        if !event.steady_start {
+            shift(&mut active, &event.active, &event.active_deviation, event);
+            shift(
+                &mut reactive,
+                &event.reactive,
+                &event.reactive_deviation,
+                event,
+            );
+        }
         Ok(Curves { active, reactive })
     }
 }
@@ -112,6 +121,21 @@ fn static_channel(events: &[PreparedEvent], channel: usize) -> [f64; 2] {
     // A shallow event cannot tell the two apart: the pseudo-inverse shares between them.
     let solution = gram.svd(true, true).solve(&right, 1e-9);
     solution.map_or([0.0; 2], |x| [x[0], x[1]])
+}
+
+/// Moves a modelled curve by the offset of the operating point that the data make most likely: where
+/// there was no rest before the event, P0 and Q0 are as unknown as the fit took them to be.
+fn shift(model: &mut [f64], measured: &[f64], deviation: &[f64], event: &PreparedEvent) {
+    let (mut top, mut bottom) = (0.0, event.operating_point_deviation.powi(-2));
+    for k in (0..event.len()).filter(|&k| event.used[k]) {
+        let weight = deviation[k].powi(-2);
+        top += weight * (measured[k] - model[k]);
+        bottom += weight;
+    }
+    let offset = top / bottom;
+    for y in model {
+        *y += offset;
+    }
 }
 
 /// Sums needed for the errors of one event, and to add events up.

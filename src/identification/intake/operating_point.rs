@@ -29,6 +29,8 @@ const FREQUENCY_DEPARTURE_HZ: f64 = 0.012;
 const REFERENCE_S: f64 = 0.4;
 /// Fewest samples from which an operating point is measured.
 const SAMPLES_MIN: usize = 5;
+/// Range of the voltage before the event, relative, above which there was no rest.
+const STEADY_RANGE: f64 = 0.01;
 /// Samples that stand in for the operating point where there is no steady part.
 const STAND_IN: usize = 2;
 
@@ -45,7 +47,7 @@ pub(super) fn find(series: &Series, at_edge: &[bool], onset: usize) -> PreEvent 
         end = end.min(slow.saturating_sub(margin));
     }
     let good = (0..end).filter(|&k| !series.bad[k]).count();
-    let steady = good >= SAMPLES_MIN;
+    let steady = good >= SAMPLES_MIN && voltage_range(series, end) <= STEADY_RANGE;
     let end = if steady {
         end
     } else {
@@ -61,6 +63,24 @@ pub(super) fn find(series: &Series, at_edge: &[bool], onset: usize) -> PreEvent 
 )]
 fn margin_samples(series: &Series) -> usize {
     series.samples_per_cycle().ceil() as usize + 1
+}
+
+/// Highest minus lowest usable voltage before `end`, relative to the highest.
+fn voltage_range(series: &Series, end: usize) -> f64 {
+    let good = || {
+        (0..end)
+            .filter(|&k| !series.bad[k])
+            .map(|k| series.voltage[k])
+    };
+    let (low, high) = (
+        good().fold(f64::INFINITY, f64::min),
+        good().fold(0.0, f64::max),
+    );
+    if high > 0.0 {
+        (high - low) / high
+    } else {
+        f64::INFINITY
+    }
 }
 
 /// First sample at which a seven-sample mean of voltage or frequency has left its start value.

@@ -126,7 +126,7 @@ const POINTS_PER_SAMPLE: usize = 32;
 /// Voltage before the event below which the bus is dead, pu.
 const VOLTAGE_MIN_PU: f64 = 0.05;
 /// Standard deviation left to P0 and Q0 when there was no steady part to measure them.
-const UNKNOWN_OPERATING_POINT: f64 = 0.05;
+const UNKNOWN_OPERATING_POINT: f64 = 0.2;
 
 /// The terminal voltage of an event, smoothed, with its jumps.
 struct Voltage {
