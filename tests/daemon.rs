@@ -31,7 +31,8 @@ use tempfile::TempDir;
 use tokio::runtime::Runtime;
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_loadmodeld");
-const PREFIX: &str = "test/v1";
+/// The default prefix, which the Python example uses; every daemon has its own loopback port.
+const PREFIX: &str = "loadmodel/v1";
 const SITE: &str = "site-02";
 /// Events of the bundled site that are replayed: enough to fit on some and hold out others.
 const EVENTS: [&str; 6] = ["03", "05", "06", "07", "08", "10"];
@@ -52,6 +53,7 @@ fn measurements_become_a_published_set_and_every_question_is_answered() {
         .block_on(zenoh::documents(&session, &keys.event("*")))
         .unwrap();
 
+    let python = PythonSubscriber::start(&daemon.endpoint);
     daemon.replay(&place.site_folder());
 
     let next = |documents: &zenoh::Documents| -> Value {
@@ -85,6 +87,13 @@ fn measurements_become_a_published_set_and_every_question_is_answered() {
     );
 
     questions_are_answered(&runtime, &session, &set);
+    if let Some(python) = python {
+        let line = python
+            .lines
+            .recv_timeout(LIMIT)
+            .expect("a line of the subscriber");
+        assert!(line.starts_with("site-02 version 1 (pass): M = "), "{line}");
+    }
 
     let line = "loadmodeld_sets_published_total{site=\"site-02\"} 1";
     wait_for(line, || {
@@ -442,6 +451,39 @@ impl Daemon {
 }
 
 impl Drop for Daemon {
+    fn drop(&mut self) {
+        // It may have ended already.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// `examples/python/subscribe.py` as a process; it ends with the test.
+struct PythonSubscriber {
+    child: Child,
+    lines: Receiver<String>,
+}
+
+impl PythonSubscriber {
+    /// None, and said so, without a Python that has eclipse-zenoh.
+    fn start(endpoint: &str) -> Option<Self> {
+        let Some(python) = std::env::var_os("LOADMODELD_TEST_PYTHON") else {
+            println!("SKIPPED: the Python subscriber (LOADMODELD_TEST_PYTHON is not set)");
+            return None;
+        };
+        let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/python/subscribe.py");
+        let mut child = Command::new(python)
+            .arg(script)
+            .args([endpoint, SITE])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = lines_of(child.stdout.take().unwrap());
+        Some(Self { child, lines })
+    }
+}
+
+impl Drop for PythonSubscriber {
     fn drop(&mut self) {
         // It may have ended already.
         drop(self.child.kill());
