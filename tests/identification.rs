@@ -11,7 +11,7 @@ use loadmodeld::{
     disturbance::{Closing, Trigger, Window},
     identification::{
         Identification, IdentificationError, IdentificationOptions, VerdictStatus, compare,
-        identify,
+        identify, joint_problem::PAPER_SHARES,
     },
     measurement::{Quality, Record, Sample, Site},
     truth,
@@ -142,6 +142,20 @@ fn a_site_of_an_independent_simulator_passes_and_says_what_is_not_determined() {
     let event = &curves[0];
     let used = event.errors.event_eps_p_percent;
     assert!(used < 1.0 && event.active_model_pu.len() == event.time_s.len());
+}
+
+#[test]
+fn the_papers_box_holds_for_the_shares_of_static_power() {
+    let (site, windows) = bundled_windows("site-02");
+    let mut options = IdentificationOptions::default();
+    options.problem.static_shares = Some(PAPER_SHARES);
+    let found = identify(&site, &windows[..4], &structure(), &options, &|| false).unwrap();
+    let told = format!("{:#?}", found.set.parameters);
+    for name in ["Pz", "Pp"] {
+        let share = parameter(&found, name);
+        assert!((0.1 - 1e-6..=0.9 + 1e-6).contains(&share), "{name}: {told}");
+    }
+    assert!(parameter(&found, "Kpm") >= 0.1, "{told}");
 }
 
 #[test]

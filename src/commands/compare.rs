@@ -32,7 +32,7 @@ pub struct CompareArgs {
     #[allow(missing_docs, reason = "the flattened options bring their own help")]
     pub source: SourceArgs,
     /// Parameter set (JSON); without it the parameters are identified from the folder.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["structure", "train", "hold_out"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["structure", "train", "hold_out", "paper_box"])]
     pub parameters: Option<PathBuf>,
     /// Another parameter set (JSON) to draw beside it.
     #[arg(long, value_name = "FILE")]

@@ -11,7 +11,10 @@ use crate::{
         store::{SqliteOptions, SqliteStore, Store, StoreError},
     },
     disturbance::{ScreeningOptions, Window, screen},
-    identification::{self, Identification, IdentificationError, IdentificationOptions, Split},
+    identification::{
+        self, Identification, IdentificationError, IdentificationOptions, Split,
+        joint_problem::PAPER_SHARES,
+    },
     measurement::Site,
 };
 
@@ -79,6 +82,9 @@ pub struct FitArgs {
     /// Events to hold out, by name; default: a third, or none with --train.
     #[arg(long, value_name = "EVENT,...", value_delimiter = ',')]
     pub hold_out: Vec<String>,
+    /// Bounds the static shares of P to 0.1 to 0.9 and the motor share from 0.1, as the paper does.
+    #[arg(long)]
+    pub paper_box: bool,
 }
 
 impl FitArgs {
@@ -86,7 +92,8 @@ impl FitArgs {
     #[must_use]
     pub fn options(&self) -> IdentificationOptions {
         let named = !(self.train.is_empty() && self.hold_out.is_empty());
-        let default = IdentificationOptions::default();
+        let mut default = IdentificationOptions::default();
+        default.problem.static_shares = self.paper_box.then_some(PAPER_SHARES);
         if !named {
             return default;
         }

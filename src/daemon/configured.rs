@@ -18,13 +18,11 @@ use crate::{
         Config, IdentificationConfig, RecordingConfig, RetentionConfig, SiteConfig,
         VoltageConnection, ZenohConfig, ZenohMode, ZipBox,
     },
-    identification::{DecisionOptions, IdentificationOptions, Split},
+    identification::{DecisionOptions, IdentificationOptions, Split, joint_problem::PAPER_SHARES},
     measurement::phasor::{self, Connection},
     service::{ServiceOptions, SiteOptions},
 };
 
-/// The paper's bounds of the ZIP coefficients and of the motor's share.
-const PAPER_BOX: (f64, f64) = (0.1, 0.9);
 /// Rows that one call of retention deletes at most: some tens of milliseconds of work.
 const PRUNE_ROWS_MAX: usize = 500;
 
@@ -108,7 +106,7 @@ fn identification(fit: &IdentificationConfig) -> IdentificationOptions {
         ..IdentificationOptions::default()
     };
     if fit.zip_box == ZipBox::Paper {
-        options.problem.static_shares = Some(PAPER_BOX);
+        options.problem.static_shares = Some(PAPER_SHARES);
     }
     options.search.trust_tech.tiers_max = fit.max_tiers;
     options.search.trust_tech.evaluations_max = fit.max_evaluations as u64;

@@ -33,6 +33,8 @@ pub const LINEAR: usize = LinearCoefficients::COUNT;
 /// Random effects of an event: its linear coefficients and its two operating-point offsets.
 const RANDOM: usize = LINEAR + 2;
 
+/// Bounds of the static shares `P_Z` and `P_P` in the paper's box (14).
+pub const PAPER_SHARES: (f64, f64) = (0.1, 0.9);
 /// Least motor share in the paper's box (14).
 const PAPER_MOTOR_SHARE_MIN: f64 = 0.1;
 
