@@ -4,7 +4,8 @@
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
-    reason = "a test that cannot go on should fail"
+    clippy::print_stdout,
+    reason = "a test that cannot go on should fail, and one that is left out should say so"
 )]
 
 use std::{
