@@ -267,6 +267,16 @@ fn absurd_windows_are_refused_with_the_reason() {
 }
 
 #[test]
+fn a_fit_with_every_unknown_on_a_bound_is_reported_and_determines_nothing() {
+    // This event hides an effect the model has not: it drives the unknowns onto their bounds.
+    let (site, windows) = bundled_windows("demo");
+    let found = run(&site, &windows[2..3]).unwrap();
+    assert_eq!(found.set.verdict.status, VerdictStatus::CannotJudge);
+    assert!(found.set.parameters.iter().all(|p| p.value.is_finite()));
+    assert!(!found.solutions.is_empty());
+}
+
+#[test]
 fn a_load_without_reactive_power_is_fitted() {
     let window = record(600, |k| sample(k, dip(k), dip(k) * dip(k), 0.0));
     let found = run(&site(), &[window]).unwrap();

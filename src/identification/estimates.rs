@@ -320,6 +320,14 @@ fn covariance(solution: &FitSolution, scale: f64) -> (DMatrix<f64>, usize, f64) 
     let size = OUTER + LINEAR;
     let held = held(solution);
     let free: Vec<usize> = (0..size).filter(|&i| !held[i]).collect();
+    if free.is_empty() {
+        // Every unknown on a bound: the data determine nothing.
+        return (
+            DMatrix::from_element(size, size, f64::NAN),
+            0,
+            f64::INFINITY,
+        );
+    }
     let information = &solution.point.information;
     let deviation: Vec<f64> = free
         .iter()
