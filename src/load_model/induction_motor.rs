@@ -20,7 +20,7 @@
 //!
 //! Not in this file: stator resistance, saturation, a torque that depends on speed.
 
-use super::TerminalInput;
+use super::{TerminalInput, terminal::DENSE_POINTS};
 use crate::numerics::Scalar;
 
 /// The three numbers that determine the motor's dynamics.
@@ -44,7 +44,7 @@ pub struct Infeasible {
     pub constraint: &'static str,
 }
 
-/// What the motor draws at the measured instants, on its own initial power.
+/// What the motor draws at the output instants of the input, on its own initial power.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotorOutput<S> {
     /// Active power, 1 at rest.
@@ -119,8 +119,11 @@ impl<S: Scalar> MotorCoordinates<S> {
             if sample + 1 == input.sample_count() {
                 break;
             }
+            let dense = input.dense[sample];
             let substeps = if input.jumps[sample] {
                 ordinary.max(input.points_per_sample)
+            } else if dense {
+                ordinary.max(DENSE_POINTS)
             } else {
                 ordinary
             };
@@ -133,6 +136,12 @@ impl<S: Scalar> MotorCoordinates<S> {
                     state[2] = S::constant(slowest);
                 }
                 left = right;
+                let between = dense && j + 1 < substeps;
+                if between && (j + 1).is_multiple_of(substeps / DENSE_POINTS) {
+                    let [active, reactive] = power(strength, state, left);
+                    out.active.push(active);
+                    out.reactive.push(reactive);
+                }
             }
         }
         Ok(())
@@ -210,6 +219,7 @@ mod tests {
             points_per_sample: points,
             sample_interval_s: 1.0 / 60.0,
             jumps: vec![true; samples - 1],
+            dense: vec![false; samples - 1],
             synchronous_speed_rad_s: 376.99,
         }
     }
@@ -324,6 +334,7 @@ mod tests {
             points_per_sample: points,
             sample_interval_s: 1.0 / rate_fps as f64,
             jumps: vec![false; samples - 1],
+            dense: vec![false; samples - 1],
             synchronous_speed_rad_s: 376.99,
         }
     }
@@ -353,6 +364,27 @@ mod tests {
             worst < 6e-5,
             "largest difference to sixteen times finer steps: {worst:e}"
         );
+    }
+
+    #[test]
+    fn dense_intervals_give_the_same_output_at_the_samples_and_more_between() {
+        let plain = smooth_dip(60);
+        let mut dense = plain.clone();
+        for k in 30..40 {
+            dense.dense[k] = true;
+        }
+        let (mut few, mut many) = (MotorOutput::default(), MotorOutput::default());
+        AN_ORDINARY_MOTOR.simulate(&plain, &mut few).unwrap();
+        AN_ORDINARY_MOTOR.simulate(&dense, &mut many).unwrap();
+        let points = dense.output_points();
+        assert_eq!(many.active.len(), dense.output_count());
+        assert_eq!(points.len(), dense.output_count());
+        for (point, active) in points.iter().zip(&many.active) {
+            if point.is_multiple_of(dense.points_per_sample) {
+                let sample = point / dense.points_per_sample;
+                assert!((active - few.active[sample]).abs() < 1e-5);
+            }
+        }
     }
 
     #[test]

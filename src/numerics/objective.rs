@@ -21,6 +21,12 @@ pub trait Objective: Sync {
     fn dimension(&self) -> usize;
     /// The objective.
     fn value(&self, x: &DVector<f64>) -> Option<f64>;
+    /// The objective at several points, each as [`value`](Self::value) would give it to within the
+    /// rounding that the implementation documents; one that can evaluate points side by side does so
+    /// here.
+    fn values(&self, points: &[DVector<f64>]) -> Vec<Option<f64>> {
+        points.iter().map(|x| self.value(x)).collect()
+    }
     /// The objective with its derivatives.
     fn expansion(&self, x: &DVector<f64>) -> Option<Expansion>;
 }

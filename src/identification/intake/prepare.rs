@@ -258,6 +258,7 @@ fn terminal_input(
         imaginary,
         points_per_sample: POINTS_PER_SAMPLE,
         sample_interval_s: 1.0 / series.rate_fps,
+        dense: vec![false; u.at_edge.len()],
         jumps: u.at_edge.clone(),
         synchronous_speed_rad_s: 2.0 * PI * before.frequency_hz,
     }
