@@ -10,6 +10,8 @@ use super::{
     hold_out::held_out,
     intake::{IntakeOptions, PreparedEvent, prepare},
     joint_problem::{LINEAR, OUTER, ProblemOptions},
+    precision::Precision,
+    robust::{RobustLoss, SampleWeights, sample_weights},
     validate::{Evidence, ValidationOptions, validate},
 };
 use crate::{
@@ -45,6 +47,8 @@ pub struct IdentificationOptions {
     pub split: Split,
     /// Validation.
     pub validation: ValidationOptions,
+    /// Whether samples with large residuals count less, and how. Default: no.
+    pub robust: Option<RobustLoss>,
 }
 
 impl Default for IdentificationOptions {
@@ -55,6 +59,7 @@ impl Default for IdentificationOptions {
             search: SearchOptions::default(),
             split: Split::Share(0.33),
             validation: ValidationOptions::default(),
+            robust: None,
         }
     }
 }
@@ -132,6 +137,115 @@ pub fn identify(
     options: &IdentificationOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Identification, IdentificationError> {
+    let site_fit = fit_site(windows, structure, options, cancel)?;
+    let best = site_fit.best()?;
+    let (problem, fitted) = (&site_fit.problem, &site_fit.measured);
+    let held: Vec<PreparedEvent> = site_fit
+        .held
+        .iter()
+        .map(|e| align(&best.model, e))
+        .collect();
+    let reference = StaticModel::fit(fitted);
+    let infeasible = |_| IdentificationError::NoSolution;
+    let fit_errors = errors(&best.model, &reference, fitted).map_err(infeasible)?;
+    let held_errors = if held.is_empty() {
+        None
+    } else {
+        Some(errors(&best.model, &reference, &held).map_err(infeasible)?)
+    };
+    let precision = site_fit.precision(best);
+    let operating_point = site_fit.operating_point;
+    let hz = site.nominal_hz;
+    let mut estimates = estimates::estimates(best, problem, &operating_point, hz, &precision);
+    estimates.notes.extend(site_fit.robust_note());
+    let evidence = Evidence {
+        model: &best.model,
+        fitted,
+        held_out: &held,
+        fit_errors: &fit_errors,
+        held_out_errors: held_errors.as_ref(),
+        motor_share_determined: determined(&estimates, "Kpm"),
+        slip: derived(&estimates, "slip"),
+    };
+    let verdict = validate(&evidence, &options.validation).map_err(infeasible)?;
+    let solutions = solution_records(&site_fit.found, problem, &operating_point, hz);
+    let set = assemble(
+        site,
+        &site_fit.structure,
+        (estimates, &precision),
+        operating_point,
+        (fitted, fit_errors),
+        (&held, held_errors),
+        verdict,
+    );
+    Ok(Identification {
+        set,
+        solutions,
+        directions: site_fit.found.directions,
+        cost: site_fit.found.cost,
+        refused: site_fit.refused,
+    })
+}
+
+/// The fit of a site before anything is said of it.
+#[derive(Debug)]
+pub(super) struct FittedSite {
+    pub(super) structure: Structure,
+    pub(super) problem: ProblemOptions,
+    pub(super) found: Fit,
+    /// Fitted events, jumps aligned, deviations as the fit used them.
+    pub(super) weighted: Vec<PreparedEvent>,
+    /// The same events with the deviations that the measurement alone gives.
+    pub(super) measured: Vec<PreparedEvent>,
+    /// Events held out.
+    pub(super) held: Vec<PreparedEvent>,
+    pub(super) operating_point: OperatingPoint,
+    pub(super) refused: Vec<(String, String)>,
+}
+
+impl FittedSite {
+    pub(super) fn best(&self) -> Result<&FitSolution, IdentificationError> {
+        let best = self.found.solutions.first();
+        best.ok_or(IdentificationError::NoSolution)
+    }
+
+    pub(super) fn precision(&self, best: &FitSolution) -> Precision {
+        let chi_square = reduced_chi_square(best, &self.weighted);
+        Precision::calibrated(best, &self.weighted, &self.problem, chi_square)
+    }
+
+    /// How many samples a robust fit all but set aside; none for an ordinary fit.
+    fn robust_note(&self) -> Option<String> {
+        let (mut aside, mut used) = (0, 0);
+        for (weighted, measured) in self.weighted.iter().zip(&self.measured) {
+            let halved = |w: &[f64], m: &[f64], k: usize| w[k] * w[k] > 2.0 * m[k] * m[k];
+            for k in (0..measured.len()).filter(|&k| measured.used[k]) {
+                used += 1;
+                aside += usize::from(
+                    halved(&weighted.active_deviation, &measured.active_deviation, k)
+                        || halved(
+                            &weighted.reactive_deviation,
+                            &measured.reactive_deviation,
+                            k,
+                        ),
+                );
+            }
+        }
+        (aside > 0).then(|| format!("robust fit: {aside} of {used} samples count less than half"))
+    }
+}
+
+/// Prepares, splits and fits, as [`identify`] does.
+///
+/// # Errors
+///
+/// See [`IdentificationError`].
+pub(super) fn fit_site(
+    windows: &[Window],
+    structure: &[String],
+    options: &IdentificationOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<FittedSite, IdentificationError> {
     let structure = Structure::parse(structure)?;
     let (events, refused) = prepare_all(windows, &options.intake);
     if events.is_empty() {
@@ -142,55 +256,70 @@ pub fn identify(
         frequency_scaled_power: structure.contains("frequency_scaled_power"),
         ..options.problem
     };
-    let (found, fitted) = fit_aligned(fitted, problem, &options.search, cancel)?;
-    let operating_point = median_operating_point(&fitted);
-    let best = found
-        .solutions
-        .first()
-        .ok_or(IdentificationError::NoSolution)?;
-    let held: Vec<PreparedEvent> = held.iter().map(|e| align(&best.model, e)).collect();
-    let reference = StaticModel::fit(&fitted);
-    let infeasible = |_| IdentificationError::NoSolution;
-    let fit_errors = errors(&best.model, &reference, &fitted).map_err(infeasible)?;
-    let held_errors = if held.is_empty() {
-        None
-    } else {
-        Some(errors(&best.model, &reference, &held).map_err(infeasible)?)
+    let (found, measured) = fit_aligned(fitted, problem, &options.search, cancel)?;
+    let (found, weighted, measured) = match options.robust {
+        None => (found, measured.clone(), measured),
+        Some(loss) => {
+            fit_again_robustly(found, measured, (problem, loss), &options.search, cancel)?
+        }
     };
-    let estimates = estimates::estimates(
-        best,
-        &problem,
-        &operating_point,
-        site.nominal_hz,
-        reduced_chi_square(best, &fitted),
-    );
-    let evidence = Evidence {
-        model: &best.model,
-        fitted: &fitted,
-        held_out: &held,
-        fit_errors: &fit_errors,
-        held_out_errors: held_errors.as_ref(),
-        motor_share_determined: determined(&estimates, "Kpm"),
-        slip: derived(&estimates, "slip"),
-    };
-    let verdict = validate(&evidence, &options.validation).map_err(infeasible)?;
-    let solutions = solution_records(&found, &problem, &operating_point, site.nominal_hz);
-    let set = assemble(
-        site,
-        &structure,
-        estimates,
-        operating_point,
-        (&fitted, fit_errors),
-        (&held, held_errors),
-        verdict,
-    );
-    Ok(Identification {
-        set,
-        solutions,
-        directions: found.directions,
-        cost: found.cost,
+    Ok(FittedSite {
+        structure,
+        problem,
+        operating_point: median_operating_point(&measured),
+        found,
+        weighted,
+        measured,
+        held,
         refused,
     })
+}
+
+/// Fits again with the weights that the fit before gives the samples, until they settle: cheap local
+/// fits first, then one full search.
+fn fit_again_robustly(
+    mut found: Fit,
+    mut measured: Vec<PreparedEvent>,
+    (problem, loss): (ProblemOptions, RobustLoss),
+    search: &SearchOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<(Fit, Vec<PreparedEvent>, Vec<PreparedEvent>), IdentificationError> {
+    const ROUNDS_MAX: usize = 12;
+    const SETTLED: f64 = 0.05;
+    let mut local = *search;
+    local.trust_tech.tiers_max = 0;
+    let mut spent = found.cost;
+    let mut before: Option<Vec<SampleWeights>> = None;
+    for round in 1.. {
+        let best = found.solutions.first();
+        let model = best.ok_or(IdentificationError::NoSolution)?.model;
+        let weights = measured
+            .iter()
+            .map(|e| sample_weights(&model, e, &problem, loss))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|_| IdentificationError::NoSolution)?;
+        let change = before.map_or(1.0, |old| {
+            let pairs = weights.iter().zip(&old);
+            pairs.map(|(a, b)| a.largest_change(b)).fold(0.0, f64::max)
+        });
+        let last = change < SETTLED || round == ROUNDS_MAX;
+        let weighted = weights.iter().zip(&measured).map(|(w, e)| w.applied_to(e));
+        let how = if last { search } else { &local };
+        let (mut again, weighted) = fit_aligned(weighted.collect(), problem, how, cancel)?;
+        spent.simulations += again.cost.simulations;
+        spent.sensitivity_simulations += again.cost.sensitivity_simulations;
+        again.cost = spent;
+        found = again;
+        for (plain, aligned) in measured.iter_mut().zip(&weighted) {
+            let positions: Vec<f64> = aligned.edges.iter().map(|e| e.position).collect();
+            *plain = plain.with_edge_positions(&positions);
+        }
+        if last {
+            return Ok((found, weighted, measured));
+        }
+        before = Some(weights);
+    }
+    Err(IdentificationError::NoSolution)
 }
 
 /// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
@@ -398,7 +527,9 @@ fn solution_records(
     fit.solutions
         .iter()
         .map(|solution| {
-            let named = estimates::estimates(solution, problem, operating_point, nominal_hz, 1.0);
+            let precision = Precision::of_noise(solution, 1.0);
+            let named =
+                estimates::estimates(solution, problem, operating_point, nominal_hz, &precision);
             let coordinates = solution
                 .found
                 .local
@@ -431,7 +562,7 @@ fn solution_records(
 fn assemble(
     site: &Site,
     structure: &Structure,
-    estimates: Estimates,
+    (estimates, precision): (Estimates, &Precision),
     operating_point: OperatingPoint,
     (fitted, fit): (&[PreparedEvent], ErrorSummary),
     (held, held_out): (&[PreparedEvent], Option<ErrorSummary>),
@@ -458,6 +589,8 @@ fn assemble(
         verdict,
         rank: estimates.rank,
         condition: estimates.condition,
+        inflation: precision.inflation.to_vec(),
+        notes: estimates.notes,
         software_version: env!("CARGO_PKG_VERSION").to_owned(),
     }
 }

@@ -155,6 +155,32 @@ impl<'a> JointProblem<'a> {
 
     /// Evaluates the problem with exact sensitivities.
     pub fn point(&self, x: &DVector<f64>) -> Option<JointPoint> {
+        let sum = self.sensitivity_sum(x)?;
+        self.solve(&sum).filter(|p| p.objective.is_finite())
+    }
+
+    /// The problem at outer unknowns `x` and linear coefficients that need not be optimal: value,
+    /// gradient and Gauss-Newton matrix with respect to the eight of them, outer ones first.
+    pub fn expansion_at(&self, x: &DVector<f64>, linear: &[f64; LINEAR]) -> Option<Expansion> {
+        let sum = self.sensitivity_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        let mut gradient = DVector::zeros(OUTER + LINEAR);
+        gradient
+            .rows_mut(0, OUTER)
+            .copy_from(&outer_gradient(&sum, linear));
+        let beta = DVector::from_column_slice(linear);
+        gradient
+            .rows_mut(OUTER, LINEAR)
+            .copy_from(&(&h * beta + &g));
+        let value = self.objective(&sum, &h, &g, linear);
+        value.is_finite().then(|| Expansion {
+            value,
+            gradient,
+            curvature: self.information(&sum, linear[0]),
+        })
+    }
+
+    fn sensitivity_sum(&self, x: &DVector<f64>) -> Option<Gram> {
         let motor = MotorCoordinates {
             alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
             nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
@@ -172,7 +198,7 @@ impl<'a> JointProblem<'a> {
             let rest = reactive_at_rest(&motor);
             sum += self.marginal(event, &sensitivity_gram(event, &out, rest, scaled));
         }
-        self.solve(&sum).filter(|p| p.objective.is_finite())
+        Some(sum)
     }
 
     fn value_only(&self, x: &DVector<f64>) -> Option<f64> {
@@ -262,7 +288,7 @@ impl<'a> JointProblem<'a> {
 
     /// The box (14) of `P_Z` and `P_P` in the linear coefficients: with `P_ZIP0 = 1 - Kpm`, both
     /// `c_z` and `1 - Kpm - c_z - c_i` lie between `low P_ZIP0` and `high P_ZIP0`.
-    fn share_limits(&self) -> LinearConstraints {
+    pub(super) fn share_limits(&self) -> LinearConstraints {
         let Some((low, high)) = self.options.static_shares else {
             return LinearConstraints::none(LINEAR);
         };
@@ -305,19 +331,6 @@ impl<'a> JointProblem<'a> {
     fn solve(&self, sum: &Gram) -> Option<JointPoint> {
         let (h, g) = self.linear_system(sum);
         let beta = self.linear_optimum(&h, &g)?;
-        let share = beta[0];
-        let size = OUTER + LINEAR;
-        let scale = |i: usize| if i < OUTER { share } else { 1.0 };
-        let mut information =
-            DMatrix::from_fn(size, size, |i, j| scale(i) * sum[(i, j)] * scale(j));
-        let (weights, _) = self.prior();
-        for (i, w) in weights.iter().enumerate() {
-            information[(OUTER + i, OUTER + i)] += w;
-        }
-        let gradient = DVector::from_fn(OUTER, |i, _| {
-            let explained: f64 = (0..LINEAR).map(|j| sum[(i, OUTER + j)] * beta[j]).sum();
-            -share * (sum[(i, Y)] - explained)
-        });
         let at_bound = std::array::from_fn(|i| {
             let (mut low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
             if i == 0 && self.options.static_shares.is_some() {
@@ -331,10 +344,31 @@ impl<'a> JointProblem<'a> {
             linear: beta,
             linear_at_bound: at_bound,
             linear_free: null_space(&self.active_rows(&beta, at_bound)),
-            information,
-            gradient,
+            information: self.information(sum, beta[0]),
+            gradient: outer_gradient(sum, &beta),
         })
     }
+
+    /// Gauss-Newton matrix of outer and linear unknowns at a motor share.
+    fn information(&self, sum: &Gram, share: f64) -> DMatrix<f64> {
+        let size = OUTER + LINEAR;
+        let scale = |i: usize| if i < OUTER { share } else { 1.0 };
+        let mut information =
+            DMatrix::from_fn(size, size, |i, j| scale(i) * sum[(i, j)] * scale(j));
+        let (weights, _) = self.prior();
+        for (i, w) in weights.iter().enumerate() {
+            information[(OUTER + i, OUTER + i)] += w;
+        }
+        information
+    }
+}
+
+/// Gradient with respect to the outer unknowns at linear coefficients `beta`.
+fn outer_gradient(sum: &Gram, beta: &[f64; LINEAR]) -> DVector<f64> {
+    DVector::from_fn(OUTER, |i, _| {
+        let explained: f64 = (0..LINEAR).map(|j| sum[(i, OUTER + j)] * beta[j]).sum();
+        -beta[0] * (sum[(i, Y)] - explained)
+    })
 }
 
 impl JointPoint {

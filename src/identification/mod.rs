@@ -14,8 +14,14 @@ pub mod identify;
 pub mod intake;
 pub mod joint_problem;
 pub mod parameter_set;
+pub mod plausibility;
+pub mod precision;
+pub mod profile;
+mod quantities;
+pub mod robust;
 pub mod solution;
 pub mod validate;
+mod valley;
 pub mod verdict;
 
 pub use comparison::Comparison;
@@ -25,5 +31,7 @@ pub use identify::{
     Identification, IdentificationError, IdentificationOptions, Split, compare, errors_on, identify,
 };
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
+pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};
+pub use robust::RobustLoss;
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};
 pub use verdict::{ChannelVerdict, Decision, Verdict, VerdictStatus};

@@ -85,6 +85,13 @@ pub struct ParameterSet {
     pub rank: usize,
     /// Largest over smallest non-zero singular value of the scaled sensitivity matrix.
     pub condition: f64,
+    /// Standard error of each of the eight coordinates over what independent samples and a right
+    /// model would give, in the order ln alpha, ln nu, kappa, Kpm, `c_z`, `c_i`, `d_z`, `d_i`; empty for
+    /// a set of a version that did not correct.
+    pub inflation: Vec<f64>,
+    /// What a reader should know of single values: implausible ones, open directions, samples set
+    /// aside.
+    pub notes: Vec<String>,
     /// Version of the program that made the set.
     pub software_version: String,
 }

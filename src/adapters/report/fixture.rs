@@ -144,6 +144,8 @@ pub(crate) fn parameter_set() -> ParameterSet {
         },
         rank: 8,
         condition: 412.0,
+        inflation: Vec::new(),
+        notes: Vec::new(),
         software_version: "0.1.0".to_owned(),
     }
 }

@@ -167,6 +167,8 @@ pub(super) fn fitted() -> Arc<Fitted> {
         verdict: verdict(VerdictStatus::Pass),
         rank: 1,
         condition: 1.0,
+        inflation: Vec::new(),
+        notes: Vec::new(),
         software_version: "0".to_owned(),
     };
     Arc::new(Fitted {

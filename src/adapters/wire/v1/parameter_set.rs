@@ -65,6 +65,13 @@ pub struct ParameterSetV1 {
     /// Its condition number; null when it is infinite.
     #[serde(with = "nullable")]
     pub condition: f64,
+    /// Standard error of each coordinate over that of independent samples and a right model; absent
+    /// where none was taken into account.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inflation: Vec<f64>,
+    /// What a reader should know of single values; absent when there is nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Version of the program that made the set.
     pub software_version: String,
 }
@@ -201,6 +208,8 @@ impl ParameterSetV1 {
             verdict: (&set.verdict).into(),
             rank: set.rank,
             condition: set.condition,
+            inflation: set.inflation.clone(),
+            notes: set.notes.clone(),
             software_version: set.software_version.clone(),
         }
     }
@@ -232,6 +241,8 @@ impl TryFrom<ParameterSetV1> for ParameterSet {
             verdict: set.verdict.try_into()?,
             rank: set.rank,
             condition: set.condition,
+            inflation: set.inflation,
+            notes: set.notes,
             software_version: set.software_version,
         })
     }
@@ -384,6 +395,18 @@ mod tests {
         let back = decode_parameter_set(&document).unwrap();
         assert!(back.condition.is_nan() && back.parameters[0].value.is_nan());
         assert_eq!(back.parameters[0].standard_error, None);
+    }
+
+    #[test]
+    fn a_set_without_inflation_and_notes_has_the_same_document_as_before_they_existed() {
+        let plain = ParameterSet {
+            inflation: Vec::new(),
+            notes: Vec::new(),
+            ..examples::parameter_set()
+        };
+        let document = encode_parameter_set(&plain).unwrap();
+        assert!(!document.contains("inflation") && !document.contains("notes"));
+        assert_eq!(decode_parameter_set(&document).unwrap(), plain);
     }
 
     #[test]
