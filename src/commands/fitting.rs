@@ -12,7 +12,7 @@ use crate::{
     },
     disturbance::{ScreeningOptions, Window, screen},
     identification::{
-        self, Identification, IdentificationError, IdentificationOptions, Split,
+        self, Identification, IdentificationError, IdentificationOptions, RobustLoss, Split,
         joint_problem::PAPER_SHARES,
     },
     measurement::Site,
@@ -85,6 +85,18 @@ pub struct FitArgs {
     /// Bounds the static shares of P to 0.1 to 0.9 and the motor share from 0.1, as the paper does.
     #[arg(long)]
     pub paper_box: bool,
+    /// Lets samples with large residuals count less: `huber` or `cauchy`.
+    #[arg(long, value_name = "LOSS")]
+    pub robust: Option<RobustArg>,
+}
+
+/// Losses of a robust fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum RobustArg {
+    /// Huber's: bounds the influence of an outlier
+    Huber,
+    /// Cauchy's: far outliers lose all influence
+    Cauchy,
 }
 
 impl FitArgs {
@@ -94,6 +106,10 @@ impl FitArgs {
         let named = !(self.train.is_empty() && self.hold_out.is_empty());
         let mut default = IdentificationOptions::default();
         default.problem.static_shares = self.paper_box.then_some(PAPER_SHARES);
+        default.robust = self.robust.map(|loss| match loss {
+            RobustArg::Huber => RobustLoss::HUBER,
+            RobustArg::Cauchy => RobustLoss::CAUCHY,
+        });
         if !named {
             return default;
         }
@@ -104,7 +120,9 @@ impl FitArgs {
         IdentificationOptions { split, ..default }
     }
 
-    fn parts(&self) -> Vec<String> {
+    /// The parts of the model by name.
+    #[must_use]
+    pub fn parts(&self) -> Vec<String> {
         self.structure
             .split('+')
             .map(|part| part.trim().to_owned())

@@ -97,6 +97,9 @@ fn print(found: &Identification, directions: bool, out: &mut dyn Write) -> io::R
         "rank {} of 8, condition {:.0}\n",
         set.rank, set.condition
     )?;
+    for note in &set.notes {
+        writeln!(out, "note: {note}")?;
+    }
     print_errors("fit", &set.fit, out)?;
     if let Some(held_out) = &set.held_out {
         print_errors("held out", held_out, out)?;

@@ -13,6 +13,7 @@ mod fitting;
 pub mod generate;
 pub mod identify;
 pub mod inspect;
+pub mod profile;
 pub mod replay;
 pub mod run;
 pub mod subscribe;
@@ -64,6 +65,8 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Fit a site folder, list all solutions, validate
     Identify(identify::IdentifyArgs),
+    /// Follow the profile likelihood of parameters: confidence intervals, plot
+    Profile(profile::ProfileArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
     /// Make synthetic sites whose truth is known
@@ -89,6 +92,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Subscribe(args) => subscribe::run(&args, out),
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
+        Command::Profile(args) => profile::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),

@@ -280,6 +280,18 @@ pub enum ZipBox {
     Paper,
 }
 
+/// How samples with large residuals are weighted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub enum RobustConfig {
+    /// Least squares.
+    #[default]
+    Off,
+    /// Huber's loss.
+    Huber,
+    /// Cauchy's loss.
+    Cauchy,
+}
+
 /// The fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdentificationConfig {
@@ -295,6 +307,8 @@ pub struct IdentificationConfig {
     pub hold_out_share: f64,
     /// Bounds of the ZIP coefficients.
     pub zip_box: ZipBox,
+    /// Weights of samples with large residuals.
+    pub robust: RobustConfig,
     /// Tiers of the search.
     pub max_tiers: usize,
     /// Calls of the objective one search may cost.
@@ -310,6 +324,7 @@ impl Default for IdentificationConfig {
             settle: Duration::from_secs(30),
             hold_out_share: 0.33,
             zip_box: ZipBox::Wide,
+            robust: RobustConfig::Off,
             max_tiers: 3,
             max_evaluations: 1000,
         }

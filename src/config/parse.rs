@@ -6,8 +6,8 @@ use toml::de::{DeTable, DeValue};
 
 use super::{
     Config, HttpConfig, IdentificationConfig, InstanceConfig, LogConfig, LogFormatConfig,
-    MeasurementConfig, PublishingConfig, StoreConfig, WorkersConfig, ZenohConfig, ZenohMode,
-    ZipBox,
+    MeasurementConfig, PublishingConfig, RobustConfig, StoreConfig, WorkersConfig, ZenohConfig,
+    ZenohMode, ZipBox,
     problems::{Problem, place},
     section::{Findings, Section},
     site,
@@ -296,6 +296,11 @@ pub(super) fn screening(mut section: Section<'_>, to: &mut ScreeningOptions) -> 
 }
 
 fn identification(mut section: Section<'_>, to: &mut IdentificationConfig) -> Findings {
+    const LOSSES: [(&str, RobustConfig); 3] = [
+        ("off", RobustConfig::Off),
+        ("huber", RobustConfig::Huber),
+        ("cauchy", RobustConfig::Cauchy),
+    ];
     const BOXES: [(&str, ZipBox); 2] = [("wide", ZipBox::Wide), ("paper", ZipBox::Paper)];
     section.texts("structure", &mut to.structure, |text| {
         let named = !text.is_empty()
@@ -320,6 +325,7 @@ fn identification(mut section: Section<'_>, to: &mut IdentificationConfig) -> Fi
     section.seconds("settle_s", &mut to.settle, (0.0, 86_400.0));
     section.number("hold_out_share", &mut to.hold_out_share, (0.0, 0.9));
     section.choice("zip_box", &mut to.zip_box, &BOXES);
+    section.choice("robust", &mut to.robust, &LOSSES);
     section.count("max_tiers", &mut to.max_tiers, (0, 20));
     section.count(
         "max_evaluations",

@@ -15,7 +15,7 @@ use crate::{
         zenoh::{Mode, ZenohOptions},
     },
     config::{
-        Config, IdentificationConfig, RecordingConfig, RetentionConfig, SiteConfig,
+        Config, IdentificationConfig, RecordingConfig, RetentionConfig, RobustConfig, SiteConfig,
         VoltageConnection, ZenohConfig, ZenohMode, ZipBox,
     },
     identification::{DecisionOptions, IdentificationOptions, Split, joint_problem::PAPER_SHARES},
@@ -108,6 +108,11 @@ fn identification(fit: &IdentificationConfig) -> IdentificationOptions {
     if fit.zip_box == ZipBox::Paper {
         options.problem.static_shares = Some(PAPER_SHARES);
     }
+    options.robust = match fit.robust {
+        RobustConfig::Off => None,
+        RobustConfig::Huber => Some(RobustLoss::HUBER),
+        RobustConfig::Cauchy => Some(RobustLoss::CAUCHY),
+    };
     options.search.trust_tech.tiers_max = fit.max_tiers;
     options.search.trust_tech.evaluations_max = fit.max_evaluations as u64;
     options

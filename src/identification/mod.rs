@@ -1,6 +1,7 @@
 //! From windows to a proven parameter set: preparation of the measurement, residuals, fit,
 //! identifiability, held-out validation, acceptance.
 
+pub mod between_events;
 pub mod comparison;
 pub mod decision;
 pub mod edge_timing;

@@ -46,6 +46,8 @@ pub struct SiteOptions {
     pub reactive_pu: f64,
     /// Half-width of the range of the operating point, 0 to 0.5; default 0.12.
     pub level_spread: f64,
+    /// Range of the voltage before an event, pu, within 0.8 to 1.2; default 0.985 to 1.005.
+    pub voltage_range_pu: (f64, f64),
     /// Standard deviation of the motor's share and of the ZIP shares from event to event, 0 to 0.2;
     /// default 0.02.
     pub composition_spread: f64,
@@ -78,6 +80,7 @@ impl SiteOptions {
             active_pu: 0.9,
             reactive_pu: 0.45,
             level_spread: 0.12,
+            voltage_range_pu: (0.985, 1.005),
             composition_spread: 0.02,
             bad_samples: true,
             motor_share: 0.45,
@@ -142,13 +145,27 @@ impl SiteOptions {
         ]
     }
 
-    fn load_ranges(&self) -> [Range; 13] {
+    fn load_ranges(&self) -> [Range; 15] {
         let motor = &self.motor;
         let reactance = "0.001 to 100 pu";
         [
             ("active power", self.active_pu, 0.05, 2.0, "0.05 to 2 pu"),
             ("reactive power", self.reactive_pu, -1.0, 2.0, "-1 to 2 pu"),
             ("level spread", self.level_spread, 0.0, 0.5, "0 to 0.5"),
+            (
+                "lowest voltage before an event",
+                self.voltage_range_pu.0,
+                0.8,
+                1.2,
+                "0.8 to 1.2 pu",
+            ),
+            (
+                "highest voltage before an event",
+                self.voltage_range_pu.1,
+                0.8,
+                1.2,
+                "0.8 to 1.2 pu",
+            ),
             (
                 "composition spread",
                 self.composition_spread,
@@ -315,8 +332,9 @@ impl OperatingPoint {
             reactive_impedance: varied(options.zip.reactive_impedance),
             reactive_current: varied(options.zip.reactive_current),
         };
+        let (lowest_pu, highest_pu) = options.voltage_range_pu;
         Self {
-            voltage: Phasor::from_polar(random.between(0.985, 1.005), INITIAL_ANGLE_RAD),
+            voltage: Phasor::from_polar(random.between(lowest_pu, highest_pu), INITIAL_ANGLE_RAD),
             power,
             motor_share,
             zip,

@@ -201,6 +201,27 @@ impl Figure {
         })
     }
 
+    /// The figure as an SVG file of its own, light, on white.
+    ///
+    /// # Errors
+    ///
+    /// As [`markup`](Self::markup).
+    pub(super) fn standalone(&self) -> Result<String, ReportError> {
+        let mut inline = self.markup()?.into_string();
+        for ink in Ink::ALL {
+            let RGBColor(red, green, blue) = ink.rgb();
+            let colour = format!("#{red:02x}{green:02x}{blue:02x}");
+            inline = inline.replace(ink.variable(), &colour);
+        }
+        let opening = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" \
+             style=\"background:#ffffff\" ",
+            self.width_px,
+            self.height_px()
+        );
+        Ok(inline.replacen("<svg ", &opening, 1))
+    }
+
     fn height_px(&self) -> u32 {
         let panels: u32 = self
             .panels

@@ -15,6 +15,7 @@ mod half;
 mod identification;
 mod json;
 mod parameter_set;
+mod profile;
 mod recording;
 mod units;
 mod verdict;
@@ -35,6 +36,7 @@ pub use parameter_set::{
     BasesV1, OperatingPointV1, ParameterSetV1, ParameterV1, decode_parameter_set,
     encode_parameter_set,
 };
+pub use profile::{ConfidenceIntervalV1, LimitV1, ProfilePointV1, ProfileV1, SiteProfileV1};
 pub use recording::{
     RecordingError, RecordingFiles, RecordingLimits, decode_recording, encode_recording,
 };

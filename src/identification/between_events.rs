@@ -1,0 +1,209 @@
+//! Whether several events of a site say more about the null direction than one.
+//!
+//! P and Q of event `e` determine, besides the motor's coordinates, its coefficients `d_z` and `d_i` of
+//! Q. The reactance `x` on the motor's own base enters `d_z` alone, as `Kpm/x`. A joint fit whose `d_z`
+//! is the same unknown in every event has the null direction whatever Q0, P0 and V0 do. It ends only
+//! where an assumption ties the events' `d_z` together in another way:
+//!
+//! ```text
+//! shares:  d_z = Q_Z r + Kpm/x,  d_i = Q_I r,  r = Q0/P0 - Kpm (1/x + G (1 - a0))     (1)
+//! rating:  d_z = z + w V0^2/P0,  d_i constant,  w = 1/X in pu of the load base        (2)
+//! ```
+//!
+//! (1) holds where the static load keeps its shares `Q_Z`, `Q_I` while its Q0 varies, (2) where the same
+//! motors run, at a constant rating, beside a static load that follows P0. Neither can be seen from
+//! one event, and each makes a figure of `x` out of nothing where it is wrong: capacitors that are
+//! switched vary Q0 and `d_z` alike, which (1) takes for a motor. So the estimates here are offered
+//! beside the published interval, with the test whether the events obey the assumption, and never
+//! replace it (`docs/identifiability.md` has the measured figures).
+
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+use super::{
+    fit::FitSolution,
+    intake::PreparedEvent,
+    joint_problem::{JointProblem, LINEAR, OUTER, ProblemOptions},
+};
+
+/// What is taken to be the same at every event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tie {
+    /// (1): the static load's shares of its own Q.
+    SharesOfStaticQ,
+    /// (2): the motors' rating.
+    MotorRating,
+}
+
+/// The reciprocal reactance on the motor's own base that an assumption implies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TiedReactance {
+    /// The assumption.
+    pub tie: Tie,
+    /// Estimate of `1/x` at the median operating point.
+    pub reciprocal: f64,
+    /// Its standard error, from the events' scatter where that is larger than assumed.
+    pub standard_error: f64,
+    /// Sum of squared deviations of the events' `d_z`, `d_i` from the assumption, in units of their
+    /// variances.
+    pub chi_square: f64,
+    /// Its degrees of freedom.
+    pub freedom: f64,
+}
+
+impl TiedReactance {
+    /// Whether it says more than the plausible range of 1 to 6: two standard errors fit in it.
+    #[must_use]
+    pub fn is_informative(&self) -> bool {
+        2.0 * self.standard_error < 1.0 - 1.0 / 6.0
+    }
+}
+
+/// What P and Q of one event say of its reactive coefficients.
+#[derive(Clone, Debug, PartialEq)]
+struct EventQ {
+    ratio: f64,
+    squared_voltage_per_power: f64,
+    coefficients: Vector2<f64>,
+    precision: Matrix2<f64>,
+}
+
+/// Range of `1/x` that is searched.
+const RECIPROCAL: (f64, f64) = (0.02, 2.0);
+/// Points of that search.
+const POINTS: u32 = 400;
+
+/// Estimates under each assumption, at the joint solution. Empty for fewer than three events.
+#[must_use]
+pub fn tied_reactances(
+    solution: &FitSolution,
+    events: &[PreparedEvent],
+    options: &ProblemOptions,
+) -> Vec<TiedReactance> {
+    let seen: Vec<EventQ> = events
+        .iter()
+        .filter_map(|event| event_q(solution, event, options))
+        .collect();
+    if seen.len() < 3 {
+        return Vec::new();
+    }
+    let kappa = solution.found.local.x[2];
+    let share = solution.point.linear[0];
+    // G (1 - a0) with G = 2/kappa and a0 = (1 + sqrt(1 - kappa^2))/2.
+    let leakage = (1.0 - (1.0 - kappa * kappa).max(0.0).sqrt()) / kappa;
+    [shares(&seen, share, leakage), rating(&seen, share)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// `d_z`, `d_i` of one event with the motor's coordinates held, and their precision: what its noise and
+/// the spread of the composition leave.
+fn event_q(
+    solution: &FitSolution,
+    event: &PreparedEvent,
+    options: &ProblemOptions,
+) -> Option<EventQ> {
+    let alone = ProblemOptions {
+        composition_spread: [0.0; LINEAR],
+        static_prior_deviation: f64::INFINITY,
+        ..*options
+    };
+    let never = || false;
+    let problem = JointProblem::new(std::slice::from_ref(event), alone, &never);
+    let linear = solution.point.linear;
+    let at = problem.expansion_at(&solution.found.local.x, &linear)?;
+    let block = at
+        .curvature
+        .view((OUTER, OUTER), (LINEAR, LINEAR))
+        .into_owned();
+    let covariance = block.pseudo_inverse(1e-12 * at.curvature.amax()).ok()?;
+    let moved = -&covariance * at.gradient.rows(OUTER, LINEAR);
+    let spread = options.composition_spread;
+    let variance = Matrix2::new(
+        covariance[(3, 3)] + spread[3].powi(2),
+        covariance[(3, 4)],
+        covariance[(4, 3)],
+        covariance[(4, 4)] + spread[4].powi(2),
+    );
+    Some(EventQ {
+        ratio: event.q0_pu / event.p0_pu,
+        squared_voltage_per_power: event.v0_pu.powi(2) / event.p0_pu,
+        coefficients: Vector2::new(linear[3] + moved[3], linear[4] + moved[4]),
+        precision: variance.try_inverse()?,
+    })
+}
+
+/// Weighted least squares of the events' coefficients on `columns`; value at the minimum, estimate and
+/// covariance. `offset` is subtracted from `d_z`.
+fn regression(
+    seen: &[EventQ],
+    offset: f64,
+    columns: impl Fn(&EventQ) -> DMatrix<f64>,
+) -> Option<(f64, DVector<f64>, DMatrix<f64>)> {
+    let size = columns(seen.first()?).ncols();
+    let (mut normal, mut right) = (DMatrix::zeros(size, size), DVector::zeros(size));
+    let mut square = 0.0;
+    for event in seen {
+        let a = columns(event);
+        let y = event.coefficients - Vector2::new(offset, 0.0);
+        normal += a.transpose() * event.precision * &a;
+        right += a.transpose() * event.precision * y;
+        square += (y.transpose() * event.precision * y)[0];
+    }
+    let covariance = normal.try_inverse()?;
+    let estimate = &covariance * &right;
+    Some((square - right.dot(&estimate), estimate, covariance))
+}
+
+/// (1): linear in the shares for a given `1/x`, which is searched.
+fn shares(seen: &[EventQ], share: f64, leakage: f64) -> Option<TiedReactance> {
+    let value = |y: f64| {
+        let found = regression(seen, share * y, |event| {
+            let rest = event.ratio - share * (y + leakage);
+            DMatrix::from_row_slice(2, 2, &[rest, 0.0, 0.0, rest])
+        });
+        found.map_or(f64::INFINITY, |(square, ..)| square)
+    };
+    let node =
+        |i: u32| RECIPROCAL.0 + (RECIPROCAL.1 - RECIPROCAL.0) * f64::from(i) / f64::from(POINTS);
+    let scan: Vec<(f64, f64)> = (0..=POINTS).map(|i| (node(i), value(node(i)))).collect();
+    let best = scan.iter().copied().fold(
+        (f64::NAN, f64::INFINITY),
+        |a, b| if b.1 < a.1 { b } else { a },
+    );
+    let freedom = 2.0 * seen.len() as f64 - 3.0;
+    let scale = (best.1 / freedom).max(1.0);
+    // Half the width of the region in which the sum of squares rises by one.
+    let inside = scan.iter().filter(|(_, s)| *s <= best.1 + scale);
+    let (low, high) = inside.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), (y, _)| {
+        (l.min(*y), h.max(*y))
+    });
+    best.1.is_finite().then(|| TiedReactance {
+        tie: Tie::SharesOfStaticQ,
+        reciprocal: best.0,
+        standard_error: (0.5 * (high - low)).max(node(1) - node(0)),
+        chi_square: best.1,
+        freedom,
+    })
+}
+
+/// (2): linear in z, w and `d_i`.
+fn rating(seen: &[EventQ], share: f64) -> Option<TiedReactance> {
+    let (square, estimate, covariance) = regression(seen, 0.0, |event| {
+        let w = event.squared_voltage_per_power;
+        DMatrix::from_row_slice(2, 3, &[1.0, w, 0.0, 0.0, 0.0, 1.0])
+    })?;
+    let mut points: Vec<f64> = seen.iter().map(|e| e.squared_voltage_per_power).collect();
+    points.sort_by(f64::total_cmp);
+    // 1/x = w V0^2 / (Kpm P0) at the median operating point.
+    let to_own_base = points[points.len() / 2] / share;
+    let freedom = 2.0 * seen.len() as f64 - 3.0;
+    let scale = (square / freedom).max(1.0);
+    Some(TiedReactance {
+        tie: Tie::MotorRating,
+        reciprocal: estimate[1] * to_own_base,
+        standard_error: (covariance[(1, 1)] * scale).sqrt() * to_own_base,
+        chi_square: square,
+        freedom,
+    })
+}
