@@ -18,7 +18,9 @@ use crate::{
         Config, IdentificationConfig, RecordingConfig, RetentionConfig, RobustConfig, SiteConfig,
         VoltageConnection, ZenohConfig, ZenohMode, ZipBox,
     },
-    identification::{DecisionOptions, IdentificationOptions, Split, joint_problem::PAPER_SHARES},
+    identification::{
+        DecisionOptions, IdentificationOptions, RobustLoss, Split, joint_problem::PAPER_SHARES,
+    },
     measurement::phasor::{self, Connection},
     service::{ServiceOptions, SiteOptions},
 };

@@ -207,3 +207,75 @@ fn rating(seen: &[EventQ], share: f64) -> Option<TiedReactance> {
         freedom,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHARE: f64 = 0.45;
+    const LEAKAGE: f64 = 0.2;
+
+    /// Events with Q0/P0 from 0.35 to 0.65 and P0 from 0.7 to 1.1; `coefficients` of ratio and
+    /// `V0^2/P0`.
+    fn events(coefficients: impl Fn(f64, f64) -> (f64, f64)) -> Vec<EventQ> {
+        (0..8)
+            .map(|e| {
+                let ratio = 0.35 + 0.3 * f64::from(e) / 7.0;
+                let w = 1.0 / (0.7 + 0.4 * f64::from((3 * e) % 8) / 7.0);
+                let (square, line) = coefficients(ratio, w);
+                EventQ {
+                    ratio,
+                    squared_voltage_per_power: w,
+                    coefficients: Vector2::new(square, line),
+                    precision: Matrix2::new(1e4, 0.0, 0.0, 1e4),
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn constant_shares_of_static_q_reveal_the_reactance_when_q_varies() {
+        let reciprocal = 0.35;
+        let seen = events(|ratio, _| {
+            let rest = ratio - SHARE * (reciprocal + LEAKAGE);
+            (0.6 * rest + SHARE * reciprocal, 0.2 * rest)
+        });
+        let found = shares(&seen, SHARE, LEAKAGE).unwrap();
+        assert!((found.reciprocal - reciprocal).abs() < 0.005, "{found:?}");
+        assert!(found.chi_square < 1e-3 && found.freedom > 12.9);
+        assert!(found.is_informative());
+    }
+
+    #[test]
+    fn a_constant_rating_reveals_the_reactance_when_p_varies() {
+        // w = 0.2 pu of the load base; the median of V0^2/P0 is 1.141.
+        let seen = events(|_, w| (0.3 + 0.2 * w, 0.05));
+        let found = rating(&seen, SHARE).unwrap();
+        let mut points: Vec<f64> = seen.iter().map(|e| e.squared_voltage_per_power).collect();
+        points.sort_by(f64::total_cmp);
+        assert!((found.reciprocal - 0.2 * points[4] / SHARE).abs() < 1e-9);
+    }
+
+    #[test]
+    fn switched_capacitors_break_the_assumption_of_constant_shares_visibly_or_mislead() {
+        // The same load, Q0 varied by a capacitor: d_z moves with Q0 one to one, d_i stays.
+        let truth = 0.35;
+        let rest = 0.5 - SHARE * (truth + LEAKAGE);
+        let seen = events(|ratio, _| (0.6 * rest + SHARE * truth + (ratio - 0.5), 0.2 * rest));
+        let found = shares(&seen, SHARE, LEAKAGE).unwrap();
+        let far = (found.reciprocal - truth).abs() > 3.0 * 0.05;
+        assert!(far || found.chi_square > 3.0 * found.freedom, "{found:?}");
+    }
+
+    #[test]
+    fn the_same_coefficients_at_every_event_determine_nothing() {
+        let mut seen = events(|_, _| (0.5, 0.05));
+        for event in &mut seen {
+            event.ratio = 0.5;
+            event.squared_voltage_per_power = 1.1;
+        }
+        // The same regressors at every event: the program refuses or says that nothing is known.
+        assert!(rating(&seen, SHARE).is_none_or(|found| !found.is_informative()));
+        assert!(shares(&seen, SHARE, LEAKAGE).is_none_or(|found| !found.is_informative()));
+    }
+}

@@ -156,8 +156,8 @@ pub(in crate::adapters) fn parameter_set() -> ParameterSet {
         },
         rank: 5,
         condition: 1234.5,
-        inflation: vec![1.5, 2.0, 1.25, 1.0, 1.0, 1.0, 1.0, 1.0],
-        notes: vec!["slip 0.090 is outside the ordinary range 0.002 to 0.08".to_owned()],
+        inflation: Vec::new(),
+        notes: Vec::new(),
         software_version: "0.1.0".to_owned(),
     }
 }

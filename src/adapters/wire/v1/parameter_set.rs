@@ -398,15 +398,17 @@ mod tests {
     }
 
     #[test]
-    fn a_set_without_inflation_and_notes_has_the_same_document_as_before_they_existed() {
-        let plain = ParameterSet {
-            inflation: Vec::new(),
-            notes: Vec::new(),
-            ..examples::parameter_set()
-        };
+    fn inflation_and_notes_are_written_only_where_there_are_some() {
+        let plain = examples::parameter_set();
         let document = encode_parameter_set(&plain).unwrap();
         assert!(!document.contains("inflation") && !document.contains("notes"));
-        assert_eq!(decode_parameter_set(&document).unwrap(), plain);
+        let told = ParameterSet {
+            inflation: vec![1.5, 2.0, 1.25, 1.0, 1.0, 1.0, 1.0, 1.0],
+            notes: vec!["slip 0.090 is outside the ordinary range 0.002 to 0.08".to_owned()],
+            ..plain
+        };
+        let document = encode_parameter_set(&told).unwrap();
+        assert_eq!(decode_parameter_set(&document).unwrap(), told);
     }
 
     #[test]
