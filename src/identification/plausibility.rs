@@ -48,7 +48,7 @@ pub const PLAUSIBLE: [Plausible; 7] = [
         name: "critical_voltage",
         least: 0.3,
         largest: 0.85,
-        source: "breakdown torque 1.4 to 5 times the load's; 2 to 3 times the rated one is usual, not verified in a standard",
+        source: "breakdown torque 1.4 to 11 times the load's; not verified in a standard",
     },
     Plausible {
         name: "T0_prime",

@@ -19,7 +19,7 @@
 //! has nobody to disagree with: there the effective number of samples follows from the
 //! autocorrelation of the residuals, `n / (1 + 2 sum rho_k)`. Coverage measured:
 //! `docs/identifiability.md`. Sources: sandwich with clusters: Liang and
-//! Zeger, Biometrika 73 (1986); division by the expectation under the model: Bell and McCaffrey,
+//! Zeger, Biometrika 73 (1986); division by the expectation under the model: Bell and `McCaffrey`,
 //! Survey Methodology 28 (2002); moderation of variances: Smyth (2004).
 
 use nalgebra::{DMatrix, DVector};
@@ -93,15 +93,12 @@ impl Precision {
         reduced_chi_square: f64,
     ) -> Self {
         let mut precision = Self::of_noise(solution, 1.0);
-        let variance = match disagreement(solution, events, options) {
-            Some(found) => {
-                precision.events = events.len();
-                found.moderated().map(|ratio| ratio.max(1.0))
-            }
-            None => {
-                let per_sample = samples_per_independent_one(solution, events);
-                [reduced_chi_square.max(1.0) * per_sample; SIZE]
-            }
+        let variance = if let Some(found) = disagreement(solution, events, options) {
+            precision.events = events.len();
+            found.moderated().map(|ratio| ratio.max(1.0))
+        } else {
+            let per_sample = samples_per_independent_one(solution, events);
+            [reduced_chi_square.max(1.0) * per_sample; SIZE]
         };
         precision.inflation = variance.map(f64::sqrt);
         for i in 0..SIZE {

@@ -30,12 +30,12 @@ const PAPER_REACTIVE_POWER_SHARE: RangeInclusive<f64> = 0.1..=4.0;
 
 /// The part of the null direction that the boxes admit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Valley {
+pub(super) struct Valley {
     /// Least and largest reactance on the motor's own base.
-    pub reactance: (f64, f64),
+    pub(super) reactance: (f64, f64),
     /// Whether every box was kept; false where they contradict each other and the plausible range
     /// of the reactance stands alone.
-    pub within_boxes: bool,
+    pub(super) within_boxes: bool,
 }
 
 impl Valley {

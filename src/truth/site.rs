@@ -100,7 +100,8 @@ impl SiteOptions {
         let ranges = self
             .measurement_ranges()
             .into_iter()
-            .chain(self.load_ranges());
+            .chain(self.load_ranges())
+            .chain(self.voltage_ranges());
         for (option, given, low, high, required) in ranges {
             if !(low..=high).contains(&given) {
                 return Err(TruthError::OptionOutOfRange {
@@ -145,27 +146,22 @@ impl SiteOptions {
         ]
     }
 
-    fn load_ranges(&self) -> [Range; 15] {
+    fn voltage_ranges(&self) -> [Range; 2] {
+        let (lowest, highest) = self.voltage_range_pu;
+        let range = "0.8 to 1.2 pu";
+        [
+            ("lowest voltage before an event", lowest, 0.8, 1.2, range),
+            ("highest voltage before an event", highest, 0.8, 1.2, range),
+        ]
+    }
+
+    fn load_ranges(&self) -> [Range; 13] {
         let motor = &self.motor;
         let reactance = "0.001 to 100 pu";
         [
             ("active power", self.active_pu, 0.05, 2.0, "0.05 to 2 pu"),
             ("reactive power", self.reactive_pu, -1.0, 2.0, "-1 to 2 pu"),
             ("level spread", self.level_spread, 0.0, 0.5, "0 to 0.5"),
-            (
-                "lowest voltage before an event",
-                self.voltage_range_pu.0,
-                0.8,
-                1.2,
-                "0.8 to 1.2 pu",
-            ),
-            (
-                "highest voltage before an event",
-                self.voltage_range_pu.1,
-                0.8,
-                1.2,
-                "0.8 to 1.2 pu",
-            ),
             (
                 "composition spread",
                 self.composition_spread,
