@@ -132,6 +132,9 @@ fn head(report: &Report<'_>) -> Markup {
                     " Held against: " strong { (rival.label) } " (" (rival.set.structure.join(" + ")) ")."
                 }
             }
+            @for note in &set.notes {
+                p.bases { "Note: " (note) "." }
+            }
         }
     }
 }
