@@ -242,7 +242,8 @@ mod tests {
         });
         let found = shares(&seen, SHARE, LEAKAGE).unwrap();
         assert!((found.reciprocal - reciprocal).abs() < 0.005, "{found:?}");
-        assert!(found.chi_square < 1e-3 && found.freedom > 12.9);
+        // The grid of 1/x is 0.005 wide: the misfit half a step away is below 0.1.
+        assert!(found.chi_square < 0.1 && found.freedom > 12.9);
         assert!(found.is_informative());
     }
 
