@@ -11,7 +11,8 @@ use super::{
     intake::{IntakeOptions, PreparedEvent, prepare},
     joint_problem::{LINEAR, OUTER, ProblemOptions},
     precision::Precision,
-    robust::{RobustLoss, SampleWeights, sample_weights},
+    robust::RobustLoss,
+    site_fit::fit_site,
     validate::{Evidence, ValidationOptions, validate},
 };
 use crate::{
@@ -187,144 +188,9 @@ pub fn identify(
     })
 }
 
-/// The fit of a site before anything is said of it.
-#[derive(Debug)]
-pub(super) struct FittedSite {
-    pub(super) structure: Structure,
-    pub(super) problem: ProblemOptions,
-    pub(super) found: Fit,
-    /// Fitted events, jumps aligned, deviations as the fit used them.
-    pub(super) weighted: Vec<PreparedEvent>,
-    /// The same events with the deviations that the measurement alone gives.
-    pub(super) measured: Vec<PreparedEvent>,
-    /// Events held out.
-    pub(super) held: Vec<PreparedEvent>,
-    pub(super) operating_point: OperatingPoint,
-    pub(super) refused: Vec<(String, String)>,
-}
-
-impl FittedSite {
-    pub(super) fn best(&self) -> Result<&FitSolution, IdentificationError> {
-        let best = self.found.solutions.first();
-        best.ok_or(IdentificationError::NoSolution)
-    }
-
-    pub(super) fn precision(&self, best: &FitSolution) -> Precision {
-        let chi_square = reduced_chi_square(best, &self.weighted);
-        Precision::calibrated(best, &self.weighted, &self.problem, chi_square)
-    }
-
-    /// How many samples a robust fit all but set aside; none for an ordinary fit.
-    fn robust_note(&self) -> Option<String> {
-        let (mut aside, mut used) = (0, 0);
-        for (weighted, measured) in self.weighted.iter().zip(&self.measured) {
-            let halved = |w: &[f64], m: &[f64], k: usize| w[k] * w[k] > 2.0 * m[k] * m[k];
-            for k in (0..measured.len()).filter(|&k| measured.used[k]) {
-                used += 1;
-                aside += usize::from(
-                    halved(&weighted.active_deviation, &measured.active_deviation, k)
-                        || halved(
-                            &weighted.reactive_deviation,
-                            &measured.reactive_deviation,
-                            k,
-                        ),
-                );
-            }
-        }
-        (aside > 0).then(|| format!("robust fit: {aside} of {used} samples count less than half"))
-    }
-}
-
-/// Prepares, splits and fits, as [`identify`] does.
-///
-/// # Errors
-///
-/// See [`IdentificationError`].
-pub(super) fn fit_site(
-    windows: &[Window],
-    structure: &[String],
-    options: &IdentificationOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<FittedSite, IdentificationError> {
-    let structure = Structure::parse(structure)?;
-    let (events, refused) = prepare_all(windows, &options.intake);
-    if events.is_empty() {
-        return Err(IdentificationError::NoUsableEvent { refused });
-    }
-    let (fitted, held) = split(events, &options.split)?;
-    let problem = ProblemOptions {
-        frequency_scaled_power: structure.contains("frequency_scaled_power"),
-        ..options.problem
-    };
-    let (found, measured) = fit_aligned(fitted, problem, &options.search, cancel)?;
-    let (found, weighted, measured) = match options.robust {
-        None => (found, measured.clone(), measured),
-        Some(loss) => {
-            fit_again_robustly(found, measured, (problem, loss), &options.search, cancel)?
-        }
-    };
-    Ok(FittedSite {
-        structure,
-        problem,
-        operating_point: median_operating_point(&measured),
-        found,
-        weighted,
-        measured,
-        held,
-        refused,
-    })
-}
-
-/// Fits again with the weights that the fit before gives the samples, until they settle: cheap local
-/// fits first, then one full search.
-fn fit_again_robustly(
-    mut found: Fit,
-    mut measured: Vec<PreparedEvent>,
-    (problem, loss): (ProblemOptions, RobustLoss),
-    search: &SearchOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<(Fit, Vec<PreparedEvent>, Vec<PreparedEvent>), IdentificationError> {
-    const ROUNDS_MAX: usize = 12;
-    const SETTLED: f64 = 0.05;
-    let mut local = *search;
-    local.trust_tech.tiers_max = 0;
-    let mut spent = found.cost;
-    let mut before: Option<Vec<SampleWeights>> = None;
-    for round in 1.. {
-        let best = found.solutions.first();
-        let model = best.ok_or(IdentificationError::NoSolution)?.model;
-        let weights = measured
-            .iter()
-            .map(|e| sample_weights(&model, e, &problem, loss))
-            .collect::<Result<Vec<_>, _>>()
-            .map_err(|_| IdentificationError::NoSolution)?;
-        let change = before.map_or(1.0, |old| {
-            let pairs = weights.iter().zip(&old);
-            pairs.map(|(a, b)| a.largest_change(b)).fold(0.0, f64::max)
-        });
-        let last = change < SETTLED || round == ROUNDS_MAX;
-        let weighted = weights.iter().zip(&measured).map(|(w, e)| w.applied_to(e));
-        let how = if last { search } else { &local };
-        let (mut again, weighted) = fit_aligned(weighted.collect(), problem, how, cancel)?;
-        spent.simulations += again.cost.simulations;
-        spent.sensitivity_simulations += again.cost.sensitivity_simulations;
-        again.cost = spent;
-        found = again;
-        for (plain, aligned) in measured.iter_mut().zip(&weighted) {
-            let positions: Vec<f64> = aligned.edges.iter().map(|e| e.position).collect();
-            *plain = plain.with_edge_positions(&positions);
-        }
-        if last {
-            return Ok((found, weighted, measured));
-        }
-        before = Some(weights);
-    }
-    Err(IdentificationError::NoSolution)
-}
-
 /// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
 /// explain P and Q best, until the objective settles.
-fn fit_aligned(
+pub(super) fn fit_aligned(
     mut events: Vec<PreparedEvent>,
     problem: ProblemOptions,
     search: &SearchOptions,
@@ -410,7 +276,7 @@ pub fn errors_on(
     errors(&model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
 }
 
-fn prepare_all(
+pub(super) fn prepare_all(
     windows: &[Window],
     options: &IntakeOptions,
 ) -> (Vec<PreparedEvent>, Vec<(String, String)>) {
@@ -426,7 +292,7 @@ fn prepare_all(
     (events, refused)
 }
 
-fn split(
+pub(super) fn split(
     events: Vec<PreparedEvent>,
     split: &Split,
 ) -> Result<(Vec<PreparedEvent>, Vec<PreparedEvent>), IdentificationError> {
@@ -483,7 +349,7 @@ fn split(
     }
 }
 
-fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
+pub(super) fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
     let median = |value: fn(&PreparedEvent) -> f64| {
         let mut values: Vec<f64> = events.iter().map(value).collect();
         values.sort_by(f64::total_cmp);
@@ -497,7 +363,7 @@ fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
     }
 }
 
-fn reduced_chi_square(best: &FitSolution, events: &[PreparedEvent]) -> f64 {
+pub(super) fn reduced_chi_square(best: &FitSolution, events: &[PreparedEvent]) -> f64 {
     let samples: usize = events
         .iter()
         .map(|e| e.used.iter().filter(|u| **u).count())

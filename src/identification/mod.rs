@@ -20,6 +20,7 @@ pub mod precision;
 pub mod profile;
 mod quantities;
 pub mod robust;
+mod site_fit;
 pub mod solution;
 pub mod validate;
 mod valley;

@@ -3,7 +3,7 @@
 use super::{Profile, ProfileInput, ProfileOptions, UnknownQuantity, profile};
 use crate::{
     disturbance::Window,
-    identification::{IdentificationError, IdentificationOptions, identify::fit_site},
+    identification::{IdentificationError, IdentificationOptions, site_fit::fit_site},
     load_model::LoadBase,
     measurement::Site,
 };

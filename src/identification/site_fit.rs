@@ -1,0 +1,147 @@
+//! The fit of a site from its windows: prepare, split, fit, and where asked for fit again robustly.
+
+use super::{
+    IdentificationError, IdentificationOptions, OperatingPoint,
+    fit::{Fit, FitSolution, SearchOptions},
+    identify::{fit_aligned, median_operating_point, prepare_all, reduced_chi_square, split},
+    intake::PreparedEvent,
+    joint_problem::ProblemOptions,
+    precision::Precision,
+    robust::{RobustLoss, SampleWeights, sample_weights},
+};
+use crate::{disturbance::Window, load_model::Structure};
+
+/// The fit of a site before anything is said of it.
+#[derive(Debug)]
+pub(super) struct FittedSite {
+    pub(super) structure: Structure,
+    pub(super) problem: ProblemOptions,
+    pub(super) found: Fit,
+    /// Fitted events, jumps aligned, deviations as the fit used them.
+    pub(super) weighted: Vec<PreparedEvent>,
+    /// The same events with the deviations that the measurement alone gives.
+    pub(super) measured: Vec<PreparedEvent>,
+    /// Events held out.
+    pub(super) held: Vec<PreparedEvent>,
+    pub(super) operating_point: OperatingPoint,
+    pub(super) refused: Vec<(String, String)>,
+}
+
+impl FittedSite {
+    pub(super) fn best(&self) -> Result<&FitSolution, IdentificationError> {
+        let best = self.found.solutions.first();
+        best.ok_or(IdentificationError::NoSolution)
+    }
+
+    pub(super) fn precision(&self, best: &FitSolution) -> Precision {
+        let chi_square = reduced_chi_square(best, &self.weighted);
+        Precision::calibrated(best, &self.weighted, &self.problem, chi_square)
+    }
+
+    /// How many samples a robust fit all but set aside; none for an ordinary fit.
+    pub(super) fn robust_note(&self) -> Option<String> {
+        let (mut aside, mut used) = (0, 0);
+        for (weighted, measured) in self.weighted.iter().zip(&self.measured) {
+            let halved = |w: &[f64], m: &[f64], k: usize| w[k] * w[k] > 2.0 * m[k] * m[k];
+            for k in (0..measured.len()).filter(|&k| measured.used[k]) {
+                used += 1;
+                aside += usize::from(
+                    halved(&weighted.active_deviation, &measured.active_deviation, k)
+                        || halved(
+                            &weighted.reactive_deviation,
+                            &measured.reactive_deviation,
+                            k,
+                        ),
+                );
+            }
+        }
+        (aside > 0).then(|| format!("robust fit: {aside} of {used} samples count less than half"))
+    }
+}
+
+/// Prepares, splits and fits, as [`identify`](super::identify()) does.
+///
+/// # Errors
+///
+/// See [`IdentificationError`].
+pub(super) fn fit_site(
+    windows: &[Window],
+    structure: &[String],
+    options: &IdentificationOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<FittedSite, IdentificationError> {
+    let structure = Structure::parse(structure)?;
+    let (events, refused) = prepare_all(windows, &options.intake);
+    if events.is_empty() {
+        return Err(IdentificationError::NoUsableEvent { refused });
+    }
+    let (fitted, held) = split(events, &options.split)?;
+    let problem = ProblemOptions {
+        frequency_scaled_power: structure.contains("frequency_scaled_power"),
+        ..options.problem
+    };
+    let (found, measured) = fit_aligned(fitted, problem, &options.search, cancel)?;
+    let (found, weighted, measured) = match options.robust {
+        None => (found, measured.clone(), measured),
+        Some(loss) => {
+            fit_again_robustly(found, measured, (problem, loss), &options.search, cancel)?
+        }
+    };
+    Ok(FittedSite {
+        structure,
+        problem,
+        operating_point: median_operating_point(&measured),
+        found,
+        weighted,
+        measured,
+        held,
+        refused,
+    })
+}
+
+/// Fits again with the weights that the fit before gives the samples, until they settle: cheap local
+/// fits first, then one full search.
+fn fit_again_robustly(
+    mut found: Fit,
+    mut measured: Vec<PreparedEvent>,
+    (problem, loss): (ProblemOptions, RobustLoss),
+    search: &SearchOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<(Fit, Vec<PreparedEvent>, Vec<PreparedEvent>), IdentificationError> {
+    const ROUNDS_MAX: usize = 12;
+    const SETTLED: f64 = 0.05;
+    let mut local = *search;
+    local.trust_tech.tiers_max = 0;
+    let mut spent = found.cost;
+    let mut before: Option<Vec<SampleWeights>> = None;
+    for round in 1.. {
+        let best = found.solutions.first();
+        let model = best.ok_or(IdentificationError::NoSolution)?.model;
+        let weights = measured
+            .iter()
+            .map(|e| sample_weights(&model, e, &problem, loss))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|_| IdentificationError::NoSolution)?;
+        let change = before.map_or(1.0, |old| {
+            let pairs = weights.iter().zip(&old);
+            pairs.map(|(a, b)| a.largest_change(b)).fold(0.0, f64::max)
+        });
+        let last = change < SETTLED || round == ROUNDS_MAX;
+        let weighted = weights.iter().zip(&measured).map(|(w, e)| w.applied_to(e));
+        let how = if last { search } else { &local };
+        let (mut again, weighted) = fit_aligned(weighted.collect(), problem, how, cancel)?;
+        spent.simulations += again.cost.simulations;
+        spent.sensitivity_simulations += again.cost.sensitivity_simulations;
+        again.cost = spent;
+        found = again;
+        for (plain, aligned) in measured.iter_mut().zip(&weighted) {
+            let positions: Vec<f64> = aligned.edges.iter().map(|e| e.position).collect();
+            *plain = plain.with_edge_positions(&positions);
+        }
+        if last {
+            return Ok((found, weighted, measured));
+        }
+        before = Some(weights);
+    }
+    Err(IdentificationError::NoSolution)
+}
