@@ -1,4 +1,4 @@
-//! Data frames (6.3, table 5): what the PMUs of a stream measured at one instant.
+//! Data frames (6.3, tables 5 and 6): what the PMUs of a stream measured at one instant.
 
 use super::{
     bytes::Reader,

@@ -129,7 +129,7 @@ pub enum Frame {
     Command(CommandFrame),
 }
 
-/// Text for people (table 14 of 2005, 6.5 of 2011).
+/// Text for people (6.5, table 13).
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HeaderFrame {
     /// What every frame says about itself.

@@ -1,4 +1,4 @@
-//! The STAT word of a PMU's data (6.3.1, tables 5 to 8).
+//! The STAT word of a PMU's data (6.3, tables 6 and 7).
 
 use super::time::TimeQuality;
 use crate::measurement::Quality;
@@ -52,7 +52,7 @@ impl Status {
         (self.0 >> 6).to_be_bytes()[1] & 0x07
     }
 
-    /// Bits 5 and 4, table 8: unlocked for less than 10 s (0), 100 s (1), 1000 s (2), or longer (3).
+    /// Bits 5 and 4: unlocked for less than 10 s (0), 100 s (1), 1000 s (2), or longer (3).
     #[must_use]
     pub const fn unlocked_code(self) -> u8 {
         (self.0 >> 4).to_be_bytes()[1] & 0x03

@@ -331,7 +331,10 @@ mod tests {
             assert_eq!(found.samples.len(), event.samples.len());
             assert_eq!(found.start_ns, event.start_ns);
             for (found, expected) in found.samples.iter().zip(&event.samples) {
-                assert_eq!((found.time_ns, found.quality), (expected.time_ns, expected.quality));
+                assert_eq!(
+                    (found.time_ns, found.quality),
+                    (expected.time_ns, expected.quality)
+                );
                 for channel in Channel::ALL {
                     let (x, y) = (found.value(channel), expected.value(channel));
                     assert!(

@@ -103,6 +103,49 @@ fn container_gives_the_same_recording_as_two_files() {
 }
 
 #[test]
+fn texts_are_read_in_the_code_page_of_the_file_or_of_the_caller() {
+    let russian = "\u{421}\u{442}\u{430}\u{43d}\u{446}\u{438}\u{44f}";
+    let chinese = "\u{6bcd}\u{7ebf}\u{53d8}\u{538b}\u{5668}";
+    let german = "K\u{f6}ln";
+    let with = |station: &str| {
+        let text = configuration(",1999", "ASCII", ONE_RATE, "1\n");
+        text.replacen("station", station, 1)
+    };
+    let station = |bytes: &[u8], options: &Options| {
+        let data = ascii_data();
+        decode(bytes, data.as_bytes(), options).unwrap().station
+    };
+    for (text, encoding) in [
+        (russian, encoding_rs::WINDOWS_1251),
+        (chinese, encoding_rs::GB18030),
+        (german, encoding_rs::WINDOWS_1252),
+        (chinese, encoding_rs::UTF_8),
+    ] {
+        let whole = with(text);
+        let (bytes, _, _) = encoding.encode(&whole);
+        assert_eq!(station(&bytes, &Options::default()), text);
+    }
+    let whole = with(russian);
+    let (koi, _, _) = encoding_rs::KOI8_R.encode(&whole);
+    let options = Options {
+        code_page: Some(encoding_rs::KOI8_R),
+        ..Options::default()
+    };
+    assert_eq!(station(&koi, &options), russian);
+}
+
+#[test]
+fn files_in_utf_16_are_read_by_their_byte_order_mark() {
+    let wide = |text: &str| -> Vec<u8> {
+        let units = std::iter::once(0xfeff).chain(text.encode_utf16());
+        units.flat_map(u16::to_le_bytes).collect()
+    };
+    let text = configuration(",1999", "ASCII", ONE_RATE, "1\n");
+    let recording = decode(&wide(&text), &wide(&ascii_data()), &Options::default()).unwrap();
+    assert_is_the_reference(&recording);
+}
+
+#[test]
 fn time_code_moves_local_stamps_to_utc() {
     let text = configuration(",2013", "BINARY", ONE_RATE, "1\n-5h30,-5h30\nB,3\n");
     let recording = decode_text(&text, &binary_16()).unwrap();

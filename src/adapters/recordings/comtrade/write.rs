@@ -121,10 +121,7 @@ pub fn write(path: &Path, recording: &Recording, format: DataFormat) -> Result<(
 ///
 /// # Errors
 /// See [`encode`].
-pub fn encode_container(
-    recording: &Recording,
-    format: DataFormat,
-) -> Result<Vec<u8>, WriteError> {
+pub fn encode_container(recording: &Recording, format: DataFormat) -> Result<Vec<u8>, WriteError> {
     let Encoded {
         configuration,
         data,
@@ -297,11 +294,7 @@ fn configuration(
     Ok(text)
 }
 
-fn analog_line(
-    number: usize,
-    channel: &AnalogChannel,
-    code: Code,
-) -> Result<String, WriteError> {
+fn analog_line(number: usize, channel: &AnalogChannel, code: Code) -> Result<String, WriteError> {
     let texts = [
         field("ch_id", &channel.name)?,
         field("ph", &channel.phase)?,
@@ -453,7 +446,11 @@ fn push_value(out: &mut Vec<u8>, value: f64, format: DataFormat, code: Code) {
             out.extend(number.to_le_bytes());
         }
         DataFormat::Float32 | DataFormat::Ascii => {
-            let number = if value.is_finite() { value as f32 } else { f32::MIN };
+            let number = if value.is_finite() {
+                value as f32
+            } else {
+                f32::MIN
+            };
             out.extend(number.to_le_bytes());
         }
     }

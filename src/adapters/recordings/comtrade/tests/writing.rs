@@ -63,7 +63,9 @@ fn recording() -> Recording {
             channel(3, "constant", "Hz", vec![50.0; 120]),
             channel(4, "missing", "MW", vec![f64::NAN; 120]),
         ],
-        digital: (1..=18).map(|n| contact(n, &[10, 50 + n as usize])).collect(),
+        digital: (1..=18)
+            .map(|n| contact(n, &[10, 50 + n as usize]))
+            .collect(),
         time_s: (0..samples).map(|n| f64::from(n) / 60.0).collect(),
         segments: vec![Segment {
             first: 0,
@@ -146,7 +148,11 @@ fn files_are_read_back_from_disk() {
         assert_same(&written, &read(&path, &Options::default()).unwrap(), format);
     }
     let error = write(&folder.path().join("d.txt"), &written, DataFormat::Ascii).unwrap_err();
-    assert!(error.to_string().ends_with("d.txt is not named .cfg or .cff"));
+    assert!(
+        error
+            .to_string()
+            .ends_with("d.txt is not named .cfg or .cff")
+    );
 }
 
 #[test]
@@ -224,7 +230,10 @@ fn what_cannot_be_written_is_named() {
     );
     assert_eq!(
         message(|r| r.analog[1].values[3] = 1e39),
-        format!("channel 'I1': {} is outside the range of single precision", 1e39)
+        format!(
+            "channel 'I1': {} is outside the range of single precision",
+            1e39
+        )
     );
     assert_eq!(
         message(|r| r.analog[2].values.truncate(119)),
@@ -232,7 +241,13 @@ fn what_cannot_be_written_is_named() {
     );
     assert_eq!(
         message(|r| r.time_s[5] = r.time_s[4]),
-        format!("sample 6 at {} s does not follow the one before it by a step", 4.0 / 60.0)
+        format!(
+            "sample 6 at {} s does not follow the one before it by a step",
+            4.0 / 60.0
+        )
     );
-    assert_eq!(message(|r| r.time_s.clear()), "the recording has no samples");
+    assert_eq!(
+        message(|r| r.time_s.clear()),
+        "the recording has no samples"
+    );
 }
