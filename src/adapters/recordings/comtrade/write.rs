@@ -4,7 +4,7 @@
 //! unit; ASCII holds them as reals of seven digits, FLOAT32 in single precision, BINARY and
 //! BINARY32 as integers over each channel's own range.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fs, path::Path};
 
 use thiserror::Error as ThisError;
 
@@ -385,21 +385,20 @@ fn quality_line(code: Option<TimeCode>) -> String {
 fn ascii(recording: &Recording, ticks: &Ticks) -> String {
     let mut out = String::new();
     for (index, tick) in ticks.stamps.iter().enumerate() {
-        // Writing to a string cannot fail.
-        let _ = write!(out, "{},{tick}", index + 1);
-        for channel in &recording.analog {
+        let mut fields = vec![(index + 1).to_string(), tick.to_string()];
+        fields.extend(recording.analog.iter().map(|channel| {
             let value = channel.values[index];
-            let _ = if value.is_finite() {
-                // Exponents of three digits would be too long for the field.
-                let value = if value.abs() < 1e-99 { 0.0 } else { value };
-                write!(out, ",{value:.6e}")
+            // Exponents of three digits would be too long for the field.
+            let value = if value.abs() < 1e-99 { 0.0 } else { value };
+            if value.is_finite() {
+                format!("{value:.6e}")
             } else {
-                write!(out, ",99999")
-            };
-        }
-        for channel in &recording.digital {
-            out.push_str(if channel.state(index) { ",1" } else { ",0" });
-        }
+                "99999".to_owned()
+            }
+        }));
+        let contacts = recording.digital.iter();
+        fields.extend(contacts.map(|channel| u8::from(channel.state(index)).to_string()));
+        out.push_str(&fields.join(","));
         out.push_str("\r\n");
     }
     out

@@ -39,7 +39,7 @@ fn recording() -> Recording {
         phase: String::new(),
         circuit: "Q1".to_owned(),
         normal: Some(false),
-        initial: number % 2 == 0,
+        initial: number.is_multiple_of(2),
         changes: changes.to_vec(),
     };
     Recording {
