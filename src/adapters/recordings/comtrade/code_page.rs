@@ -1,7 +1,8 @@
 //! Which code page the texts of a file are in.
 //!
 //! The editions up to 1999 say ASCII and recorders write whatever their country uses. The rule:
-//! 1. valid UTF-8 is UTF-8 (a byte-order mark is dropped);
+//! 0. a byte-order mark says it (UTF-8, UTF-16) and is dropped;
+//! 1. valid UTF-8 is UTF-8;
 //! 2. otherwise the runs of bytes above 0x7F decide. If every run is made of two-byte GB 2312
 //!    characters and most of them are symbols or level-1 (everyday) characters, it is GB 18030:
 //!    Russian text fails this by runs of odd length and by lower-case letters, whose codes would
@@ -20,6 +21,9 @@ const SHARE_MIN: f64 = 0.8;
 
 /// The code page of `bytes` by the rule above.
 pub(super) fn detect(bytes: &[u8]) -> &'static Encoding {
+    if let Some((encoding, _)) = Encoding::for_bom(bytes) {
+        return encoding;
+    }
     if std::str::from_utf8(bytes).is_ok() {
         return UTF_8;
     }

@@ -84,7 +84,11 @@ pub fn decode(configuration: &[u8], data: &[u8], options: &Options) -> Result<Re
     let rows = match configuration.format {
         DataFormat::Ascii => ascii::parse(
             &configuration,
-            &String::from_utf8_lossy(data),
+            // Numbers are the same in every code page but UTF-16, which has a byte-order mark.
+            &Encoding::for_bom(data)
+                .map_or(encoding_rs::UTF_8, |(e, _)| e)
+                .decode(data)
+                .0,
             options.lenient,
         )?,
         DataFormat::Binary | DataFormat::Binary32 | DataFormat::Float32 => {

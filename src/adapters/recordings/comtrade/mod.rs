@@ -6,6 +6,8 @@
 //! two-digit year, a month and day swapped, more samples than declared) is read and noted in
 //! [`Recording::notes`]; what can be read in two ways is refused.
 //!
+//! [`write()`] and [`encode`] write a [`Recording`] in the edition of 2013.
+//!
 //! Memory is bounded by the size of the files, never by a number written in them.
 
 mod ascii;
@@ -16,11 +18,13 @@ mod container;
 mod error;
 mod files;
 mod recording;
+mod sample_ticks;
 mod sample_times;
 #[cfg(test)]
 mod tests;
 mod text;
 mod timestamp;
+mod write;
 
 pub use error::{Error, Part};
 pub use files::{FILE_BYTES_MAX, Options, decode, decode_container, read};
@@ -28,3 +32,4 @@ pub use recording::{
     AnalogChannel, DataFormat, DigitalChannel, LeapSecond, Note, Recording, Revision, Scaling,
     Segment, TimeCode,
 };
+pub use write::{Encoded, WriteError, encode, encode_container, write};

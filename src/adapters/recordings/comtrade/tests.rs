@@ -7,6 +7,9 @@ use serde_json::Value;
 
 use super::*;
 
+mod mutants;
+mod writing;
+
 const EXACT: f64 = 1e-12;
 
 /// A configuration of two analog channels and one digital one, five samples.
@@ -97,6 +100,49 @@ fn container_gives_the_same_recording_as_two_files() {
     assert_is_the_reference(&recording);
     let short = container::split(&file[..file.len() - 1]).unwrap_err();
     assert!(short.to_string().contains("data length"), "{short}");
+}
+
+#[test]
+fn texts_are_read_in_the_code_page_of_the_file_or_of_the_caller() {
+    let russian = "\u{421}\u{442}\u{430}\u{43d}\u{446}\u{438}\u{44f}";
+    let chinese = "\u{6bcd}\u{7ebf}\u{53d8}\u{538b}\u{5668}";
+    let german = "K\u{f6}ln";
+    let with = |station: &str| {
+        let text = configuration(",1999", "ASCII", ONE_RATE, "1\n");
+        text.replacen("station", station, 1)
+    };
+    let station = |bytes: &[u8], options: &Options| {
+        let data = ascii_data();
+        decode(bytes, data.as_bytes(), options).unwrap().station
+    };
+    for (text, encoding) in [
+        (russian, encoding_rs::WINDOWS_1251),
+        (chinese, encoding_rs::GB18030),
+        (german, encoding_rs::WINDOWS_1252),
+        (chinese, encoding_rs::UTF_8),
+    ] {
+        let whole = with(text);
+        let (bytes, _, _) = encoding.encode(&whole);
+        assert_eq!(station(&bytes, &Options::default()), text);
+    }
+    let whole = with(russian);
+    let (koi, _, _) = encoding_rs::KOI8_R.encode(&whole);
+    let options = Options {
+        code_page: Some(encoding_rs::KOI8_R),
+        ..Options::default()
+    };
+    assert_eq!(station(&koi, &options), russian);
+}
+
+#[test]
+fn files_in_utf_16_are_read_by_their_byte_order_mark() {
+    let wide = |text: &str| -> Vec<u8> {
+        let units = std::iter::once(0xfeff).chain(text.encode_utf16());
+        units.flat_map(u16::to_le_bytes).collect()
+    };
+    let text = configuration(",1999", "ASCII", ONE_RATE, "1\n");
+    let recording = decode(&wide(&text), &wide(&ascii_data()), &Options::default()).unwrap();
+    assert_is_the_reference(&recording);
 }
 
 #[test]
@@ -264,99 +310,6 @@ fn truncated_data_and_blank_lines_are_read_only_when_asked_for() {
     assert!(error.to_string().contains("the line is blank"), "{error}");
     let recording = decode(text.as_bytes(), blank.as_bytes(), &options).unwrap();
     assert_eq!(recording.notes, [Note::BlankLines { count: 1 }]);
-}
-
-/// A linear congruential generator (Knuth, MMIX): the mutants are the same in every run.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        usize::try_from(self.0 >> 33).unwrap() % bound.max(1)
-    }
-}
-
-/// Changes one to four places: another byte, a digit, a separator, a cut, or a repetition.
-fn mutate(random: &mut Random, original: &[u8]) -> Vec<u8> {
-    const TELLING: &[u8] = b"0123456789,,\n/:.-+AD\xff\x00 ";
-    let mut bytes = original.to_vec();
-    for _ in 0..=random.below(4) {
-        let at = random.below(bytes.len());
-        match random.below(6) {
-            0 if !bytes.is_empty() => bytes[at] = u8::try_from(random.below(256)).unwrap(),
-            1 if !bytes.is_empty() => bytes[at] = TELLING[random.below(TELLING.len())],
-            2 => bytes.insert(at, TELLING[random.below(TELLING.len())]),
-            3 if !bytes.is_empty() => drop(bytes.remove(at)),
-            4 => bytes.truncate(at),
-            _ => {
-                let length = random.below(20).min(bytes.len() - at);
-                let copy = bytes[at..at + length].to_vec();
-                bytes.splice(at..at, copy);
-            }
-        }
-    }
-    bytes
-}
-
-#[test]
-fn mutants_are_read_or_refused_but_never_panic() {
-    let tail = "1\n-5h30,0\nB,3\n";
-    let float_32 = binary_data(|v| v.map_or(f32::NAN, f32::from).to_le_bytes().to_vec());
-    let seeds = [
-        (
-            configuration(",1999", "ASCII", ONE_RATE, "1\n"),
-            ascii_data().into_bytes(),
-        ),
-        (
-            configuration("", "ASCII", "0\n0,5", ""),
-            ascii_data().into_bytes(),
-        ),
-        (
-            configuration(",1999", "BINARY", "2\n1000,3\n10,5", "1\n"),
-            binary_16(),
-        ),
-        (configuration(",2013", "FLOAT32", ONE_RATE, tail), float_32),
-    ];
-    let options = Options {
-        lenient: true,
-        ..Options::default()
-    };
-    let mut random = Random(20_260_101);
-    let (mut read, mut refused) = (0, 0);
-    for _ in 0..3000 {
-        for (text, data) in &seeds {
-            let text = mutate(&mut random, text.as_bytes());
-            let data = mutate(&mut random, data);
-            match decode(&text, &data, &options) {
-                Ok(recording) => {
-                    assert_eq!(
-                        recording.time_s.len(),
-                        recording
-                            .analog
-                            .first()
-                            .map_or(recording.len(), |c| c.values.len())
-                    );
-                    read += 1;
-                }
-                Err(error) => {
-                    assert!(!error.to_string().is_empty());
-                    refused += 1;
-                }
-            }
-            let mut container = b"--- file type: CFG ---\n".to_vec();
-            container.extend(&text);
-            container.extend(b"\n--- file type: DAT BINARY: 40 ---\n");
-            container.extend(&data);
-            drop(container::split(&mutate(&mut random, &container)));
-        }
-    }
-    assert!(
-        read > 100 && refused > 100,
-        "{read} read, {refused} refused"
-    );
 }
 
 fn shared_vectors() -> Option<PathBuf> {

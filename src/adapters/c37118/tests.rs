@@ -1,0 +1,9 @@
+//! The codec against the example frames printed in the standard, against itself in every format,
+//! and against captures of real devices; see the submodules.
+
+mod captures;
+mod conversion;
+mod fixture;
+mod frames;
+mod mutants;
+mod streams;
