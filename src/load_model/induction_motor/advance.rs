@@ -5,15 +5,16 @@
 //! depends on the motor and its input alone, so it is the same in a batch as alone.
 
 use super::{
+    MotorCoordinates,
     input_pieces::Piece,
     radau,
     taylor::{Ending, Series, StepConstants, input_beyond},
 };
-use crate::numerics::Scalar;
+use crate::{load_model::TerminalInput, numerics::Scalar};
 
 /// Largest product of rate and step at which the series is tried. At 2.5 the highest order can still
 /// reach the tolerance; beyond 4 it never does after a disturbance. Chosen for speed only.
-const SERIES_REACH: f64 = 3.0;
+pub(super) const SERIES_REACH: f64 = 3.0;
 /// Product of decay rate and step from which the implicit method is tried: there one of its steps, three
 /// solutions of the stages, costs less than the steps of the series it replaces.
 const IMPLICIT_REACH: f64 = 60.0;
@@ -39,7 +40,8 @@ pub(super) struct State<S> {
 pub(super) struct Mover<S> {
     alpha: S,
     nu: S,
-    load: S,
+    /// Flux and speed at rest; the flux's imaginary part is the torque of the load.
+    rest: [S; 3],
     /// Speed at which the rotor stands still, rad/s.
     standstill: f64,
     /// What a step may leave out of flux and rotation.
@@ -49,18 +51,19 @@ pub(super) struct Mover<S> {
 }
 
 impl<S: Scalar> Mover<S> {
+    /// `accuracy` multiplies the tolerance.
     pub(super) fn new(
-        [alpha, nu, kappa]: [S; 3],
+        motor: &MotorCoordinates<S>,
         rest: [S; 3],
-        synchronous_speed_rad_s: f64,
-        samples: usize,
+        input: &TerminalInput,
         accuracy: f64,
     ) -> Self {
-        let standstill = -synchronous_speed_rad_s;
+        let standstill = -input.synchronous_speed_rad_s;
+        let (alpha, nu) = (motor.alpha_per_s, motor.nu_per_s2);
         Self {
             alpha,
             nu,
-            load: rest[1],
+            rest,
             // A motor whose slip at rest is above one never stands still: (9) as it is.
             standstill: if rest[2].value() > standstill {
                 standstill
@@ -68,10 +71,22 @@ impl<S: Scalar> Mover<S> {
                 f64::NEG_INFINITY
             },
             // Power is flux times 2 / kappa.
-            tolerance: FLUX_TOLERANCE * accuracy * kappa.value(),
+            tolerance: FLUX_TOLERANCE * accuracy * motor.kappa.value(),
             rate_static: alpha.value().max(nu.value().max(0.0).sqrt()),
-            steps_left: STEPS_PER_SAMPLE_MAX * (samples + 50),
+            steps_left: STEPS_PER_SAMPLE_MAX * (input.sample_count() + 50),
         }
+    }
+
+    pub(super) const fn rest(&self) -> [S; 3] {
+        self.rest
+    }
+
+    pub(super) const fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    pub(super) const fn standstill(&self) -> f64 {
+        self.standstill
     }
 
     /// Moves the state over a piece of `duration_s`.
@@ -101,7 +116,7 @@ impl<S: Scalar> Mover<S> {
         let constants = StepConstants {
             decay: self.alpha * h,
             acceleration: self.acceleration(from, h),
-            load: self.load,
+            load: self.rest[1],
         };
         let start = [from.flux[0], from.flux[1], from.speed * h];
         let (end, lowest) = if series || stop {
@@ -115,7 +130,10 @@ impl<S: Scalar> Mover<S> {
             if !ending.reached && !stop {
                 return None;
             }
-            (sum(&series, order), lowest(from, &series, order, h, self.standstill))
+            let end = sum(&series, order);
+            let falling = from.speed.value() + series.first_rotation().value() * (1.0 / h);
+            let to = end[2].value() * (1.0 / h);
+            (end, falling.min(to))
         } else {
             let (end, error) = radau::step(start, &constants, piece)?;
             let rotation = self.tolerance * start[2].value().abs().max(1.0);
@@ -124,7 +142,7 @@ impl<S: Scalar> Mover<S> {
             if !(good && error[2] <= rotation) {
                 return None;
             }
-            (end, from.speed.value().min(end[2].value() / h))
+            (end, end[2].value() * (1.0 / h))
         };
         let mut to = State {
             flux: [end[0], end[1]],
@@ -155,7 +173,7 @@ impl<S: Scalar> Mover<S> {
         if to.standing {
             let [re, im] = piece.at(1.0);
             let torque = to.flux[1] * re - to.flux[0] * im;
-            if torque.value() < self.load.value() {
+            if torque.value() < self.rest[1].value() {
                 if !stop {
                     return false;
                 }
@@ -163,6 +181,7 @@ impl<S: Scalar> Mover<S> {
             }
             return true;
         }
+        // `lowest` bounds the speed: a curve that falls and rises again lies above its tangent.
         if lowest < self.standstill {
             if !stop {
                 return false;
@@ -187,23 +206,6 @@ fn sum<S: Scalar>(series: &Series<S>, order: usize) -> [S; 3] {
         12 => series.sum(12),
         _ => series.sum(14),
     }
-}
-
-/// A lower bound of the speed during the step.
-#[inline(always)]
-fn lowest<S: Scalar>(
-    from: &State<S>,
-    series: &Series<S>,
-    order: usize,
-    h: f64,
-    standstill: f64,
-) -> f64 {
-    let speed = from.speed.value();
-    if standstill == f64::NEG_INFINITY || from.standing || speed > 0.5 * standstill {
-        return 0.0;
-    }
-    let range: f64 = series.rotation(order).iter().map(|c| c.value().abs()).sum();
-    speed - range / h
 }
 
 /// Ends a series when its last two terms and what the input still adds are below the tolerance.

@@ -21,12 +21,16 @@
 //! Not in this file: stator resistance, saturation, a torque that depends on speed.
 
 mod advance;
+mod batch;
 mod input_pieces;
+mod lanes;
 mod radau;
 mod taylor;
 
 use super::{TerminalInput, terminal::DENSE_POINTS};
 use crate::numerics::{Arithmetic, Scalar};
+pub use batch::{BatchSink, Effort, simulate_batch};
+
 use advance::{Mover, State};
 use input_pieces::for_each_piece;
 
@@ -109,7 +113,7 @@ impl<S: Scalar> MotorCoordinates<S> {
     }
 
     /// As [`Self::simulate`], with another tolerance per step relative to its own.
-    fn simulate_to(
+    pub fn simulate_to(
         &self,
         accuracy: f64,
         input: &TerminalInput,
@@ -127,13 +131,7 @@ impl<S: Scalar> MotorCoordinates<S> {
             out.reactive.push(reactive);
         };
         let samples = input.sample_count();
-        let mut mover = Mover::new(
-            [self.alpha_per_s, self.nu_per_s2, self.kappa],
-            rest,
-            input.synchronous_speed_rad_s,
-            samples,
-            accuracy,
-        );
+        let mut mover = Mover::new(self, rest, input, accuracy);
         let mut state = State {
             flux: [rest[0], rest[1]],
             speed: rest[2],
@@ -170,6 +168,7 @@ impl<S: Scalar> MotorCoordinates<S> {
 }
 
 /// Active and reactive power (10) on the motor's own initial power, without `|u|^2 / x`.
+#[inline(always)]
 fn power<A: Arithmetic>(strength: A, [a, b]: [A; 2], [re, im]: [f64; 2]) -> [A; 2] {
     let active = strength * (a * im - b * re);
     let reactive = strength * (-(a * re + b * im) + (re * re + im * im));

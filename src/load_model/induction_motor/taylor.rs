@@ -11,6 +11,9 @@
 //! so each coefficient follows from Cauchy products of those before it. Explicit, and cheap per order:
 //! a step may be as long as the fastest rate's own time, whatever accuracy is asked for.
 
+// Closures and library iterators over the numbers are avoided here and everything is inlined by force:
+// vector instructions only come out where the whole chain of calls is one function.
+
 use super::input_pieces::{DEGREE, Piece};
 use crate::numerics::Arithmetic;
 
@@ -87,6 +90,23 @@ impl<A: Arithmetic> Series<A> {
         (series, 14)
     }
 
+    /// State at the end of a step by the series of order four.
+    #[inline(always)]
+    pub(super) fn of_order_four(
+        state: [A; 3],
+        motor: &StepConstants<A>,
+        piece: &Piece,
+    ) -> [A; 3] {
+        let mut series = Self {
+            a: [state[0]; ORDER + 1],
+            b: [state[1]; ORDER + 1],
+            r: [state[2]; ORDER + 1],
+        };
+        series.extend_twice(0, motor, &piece.phasor);
+        series.extend_twice(2, motor, &piece.phasor);
+        series.sum(4)
+    }
+
     #[inline(always)]
     fn extend_twice(&mut self, k: usize, motor: &StepConstants<A>, u: &[[f64; 2]; DEGREE + 1]) {
         self.extend(k, motor, u);
@@ -97,55 +117,62 @@ impl<A: Arithmetic> Series<A> {
     /// that the older products need not wait for them.
     #[inline(always)]
     fn extend(&mut self, k: usize, motor: &StepConstants<A>, u: &[[f64; 2]; DEGREE + 1]) {
-        let (a, b, r) = (&self.a, &self.b, &self.r);
-        let turn = |x: &[A; ORDER + 1]| {
-            if k == 0 {
-                return r[0] * x[0];
-            }
-            let mut sum = r[0] * x[k];
-            if k > 1 {
-                let mut older = r[k - 1] * x[1];
-                for i in 2..k {
-                    older = older + r[k - i] * x[i];
-                }
-                sum = older + sum;
-            }
-            sum + r[k] * x[0]
-        };
-        let (turn_a, turn_b) = (turn(b), turn(a));
-        let product = |i: usize| b[i] * u[k - i][0] - a[i] * u[k - i][1];
-        let lowest = k.saturating_sub(DEGREE);
-        let mut torque = product(lowest);
-        for i in lowest + 1..=k {
-            torque = torque + product(i);
-        }
+        let turn_a = self.turn(k, &self.b);
+        let turn_b = self.turn(k, &self.a);
+        let torque = self.torque(k, u);
         let excess = if k == 0 { motor.load - torque } else { -torque };
-        let drive = |x: A, part: usize| {
-            let towards = if k <= DEGREE { -x + u[k][part] } else { -x };
-            motor.decay * towards
-        };
+        let (mut towards_a, mut towards_b) = (-self.a[k], -self.b[k]);
+        if k <= DEGREE {
+            towards_a = towards_a + u[k][0];
+            towards_b = towards_b + u[k][1];
+        }
         let share = 1.0 / (k + 1) as f64;
-        let next = [
-            (drive(a[k], 0) - turn_a) * share,
-            (drive(b[k], 1) + turn_b) * share,
-            motor.acceleration * excess * share,
-        ];
-        self.a[k + 1] = next[0];
-        self.b[k + 1] = next[1];
-        self.r[k + 1] = next[2];
+        let next_a = (motor.decay * towards_a - turn_a) * share;
+        let next_b = (motor.decay * towards_b + turn_b) * share;
+        let next_r = motor.acceleration * excess * share;
+        self.a[k + 1] = next_a;
+        self.b[k + 1] = next_b;
+        self.r[k + 1] = next_r;
+    }
+
+    /// Coefficient `k` of `r x`.
+    #[inline(always)]
+    fn turn(&self, k: usize, x: &[A; ORDER + 1]) -> A {
+        let r = &self.r;
+        if k == 0 {
+            return r[0] * x[0];
+        }
+        let mut sum = r[0] * x[k];
+        if k > 1 {
+            let mut older = r[k - 1] * x[1];
+            for i in 2..k {
+                older = older + r[k - i] * x[i];
+            }
+            sum = older + sum;
+        }
+        sum + r[k] * x[0]
+    }
+
+    /// Coefficient `k` of the torque.
+    #[inline(always)]
+    fn torque(&self, k: usize, u: &[[f64; 2]; DEGREE + 1]) -> A {
+        let (a, b) = (&self.a, &self.b);
+        let lowest = k.saturating_sub(DEGREE);
+        let mut sum = b[lowest] * u[k - lowest][0] - a[lowest] * u[k - lowest][1];
+        for i in lowest + 1..=k {
+            sum = sum + (b[i] * u[k - i][0] - a[i] * u[k - i][1]);
+        }
+        sum
     }
 
     /// Flux and rotation per step at the end of the step, up to `order`.
     #[inline(always)]
     pub(super) fn sum(&self, order: usize) -> [A; 3] {
-        let total = |c: &[A; ORDER + 1]| {
-            let mut sum = c[order];
-            for k in (0..order).rev() {
-                sum = sum + c[k];
-            }
-            sum
-        };
-        [total(&self.a), total(&self.b), total(&self.r)]
+        [
+            total(&self.a, order),
+            total(&self.b, order),
+            total(&self.r, order),
+        ]
     }
 
     /// The coefficients of `order` and the one before.
@@ -156,11 +183,20 @@ impl<A: Arithmetic> Series<A> {
         [a[k], b[k], r[k], a[order], b[order], r[order]]
     }
 
-    /// The rotation's coefficients from order one to `order`.
+    /// The rotation's coefficient of order one: its slope at the start.
     #[inline(always)]
-    pub(super) fn rotation(&self, order: usize) -> &[A] {
-        &self.r[1..=order]
+    pub(super) const fn first_rotation(&self) -> A {
+        self.r[1]
     }
+}
+
+#[inline(always)]
+fn total<A: Arithmetic>(c: &[A; ORDER + 1], order: usize) -> A {
+    let mut sum = c[order];
+    for k in (0..order).rev() {
+        sum = sum + c[k];
+    }
+    sum
 }
 
 /// Sum of the sizes of the phasor's coefficients from `order` on.

@@ -1,0 +1,122 @@
+//! The simulation against trajectories computed elsewhere: SciPy's Radau method at a relative tolerance of
+//! 3e-11, written by `tests/fixtures/induction_motor_reference.py`, which also says what the cases are.
+
+use super::*;
+
+const REFERENCE: &str = include_str!("../../../tests/fixtures/induction_motor_reference.csv");
+const SYNCHRONOUS_RAD_S: f64 = 376.99;
+const COLUMNS_OF_CASE: usize = 9;
+
+/// One line of the reference.
+struct Case {
+    kind: &'static str,
+    motor: MotorCoordinates<f64>,
+    rate_fps: usize,
+    depth: f64,
+    duration_s: f64,
+    turn_rad: f64,
+    smooth: bool,
+    /// Sample, P, Q.
+    answers: Vec<(usize, f64, f64)>,
+}
+
+fn cases() -> Vec<Case> {
+    REFERENCE.lines().skip(1).map(case).collect()
+}
+
+fn case(line: &'static str) -> Case {
+    let fields: Vec<_> = line.split(',').collect();
+    let number = |i: usize| fields[i].parse::<f64>().unwrap();
+    let whole = |i: usize| fields[i].parse::<usize>().unwrap();
+    Case {
+        kind: fields[0],
+        motor: MotorCoordinates {
+            alpha_per_s: number(1),
+            nu_per_s2: number(2),
+            kappa: number(3),
+        },
+        rate_fps: whole(4),
+        depth: number(5),
+        duration_s: number(6),
+        turn_rad: number(7),
+        smooth: whole(8) == 1,
+        answers: (COLUMNS_OF_CASE..fields.len())
+            .step_by(3)
+            .map(|i| (whole(i), number(i + 1), number(i + 2)))
+            .collect(),
+    }
+}
+
+impl Case {
+    /// One second from the pre-dip phasor on; at a step the grid holds the value after it.
+    fn input(&self) -> TerminalInput {
+        const POINTS: usize = 32;
+        let phasor = |i: usize| {
+            // In grid points, so that steps fall on them exactly.
+            let per_second = (POINTS * self.rate_fps) as f64;
+            let (start, length) = (0.2 * per_second, self.duration_s * per_second);
+            let x = (i as f64 - start) / length;
+            let inside = (-1e-9..1.0 - 1e-9).contains(&x);
+            if !inside {
+                return [1.0, 0.0];
+            }
+            let share = if self.smooth {
+                (std::f64::consts::PI * x).sin().powi(2)
+            } else {
+                1.0
+            };
+            let (v, angle) = (1.0 - self.depth * share, self.turn_rad * share);
+            [v * angle.cos(), v * angle.sin()]
+        };
+        let grid: Vec<_> = (0..=self.rate_fps * POINTS).map(phasor).collect();
+        TerminalInput {
+            real: grid.iter().map(|u| u[0]).collect(),
+            imaginary: grid.iter().map(|u| u[1]).collect(),
+            points_per_sample: POINTS,
+            sample_interval_s: 1.0 / self.rate_fps as f64,
+            jumps: vec![!self.smooth; self.rate_fps],
+            dense: vec![false; self.rate_fps],
+            synchronous_speed_rad_s: SYNCHRONOUS_RAD_S,
+        }
+    }
+
+    /// Largest error of P and of Q, each relative to the largest value of the channel.
+    fn error(&self, out: &MotorOutput<f64>) -> f64 {
+        let (mut error, mut size) = ([0.0_f64; 2], [0.0_f64; 2]);
+        for (sample, active, reactive) in &self.answers {
+            let pairs = [(out.active[*sample], active), (out.reactive[*sample], reactive)];
+            for (c, (got, exact)) in pairs.into_iter().enumerate() {
+                // NaN must not be overlooked.
+                let difference = if got.is_finite() { (got - exact).abs() } else { f64::INFINITY };
+                error[c] = error[c].max(difference);
+                size[c] = size[c].max(exact.abs());
+            }
+        }
+        (error[0] / size[0]).max(error[1] / size[1])
+    }
+}
+
+fn errors(of: impl Fn(&Case) -> bool) -> Vec<f64> {
+    let mut errors: Vec<_> = cases()
+        .iter()
+        .filter(|case| of(case))
+        .map(|case| {
+            let mut out = MotorOutput::default();
+            case.motor.simulate(&case.input(), &mut out).unwrap();
+            case.error(&out)
+        })
+        .collect();
+    errors.sort_by(f64::total_cmp);
+    errors
+}
+
+fn report(what: &str, errors: &[f64]) -> String {
+    let (n, at) = (errors.len(), |share: f64| errors[((errors.len() - 1) as f64 * share) as usize]);
+    let good = errors.iter().filter(|e| **e < 1e-6).count();
+    format!(
+        "{what}: {good} of {n} below 1e-6; median {:.1e}, 99 % {:.1e}, largest {:.1e}",
+        at(0.5),
+        at(0.99),
+        at(1.0)
+    )
+}
