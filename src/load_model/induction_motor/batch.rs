@@ -467,3 +467,6 @@ impl<S: Simd, const W: usize> Ending<Lanes<S, W>> for Tails<'_, S, W> {
         still.none()
     }
 }
+
+#[cfg(test)]
+mod tests;

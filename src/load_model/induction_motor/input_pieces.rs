@@ -17,7 +17,7 @@ use super::super::TerminalInput;
 pub(super) const DEGREE: usize = 8;
 /// Eighth difference up to which nine points resolve the phasor. At this value the polynomial's error
 /// between the points is below 1e-7; halving the distance divides it by about 500.
-const RESOLVED: f64 = 2e-6;
+const RESOLVED: f64 = 2e-8;
 /// Third difference of four neighbouring grid points from which the phasor counts as jumping.
 /// Insensitive: kinks of the slope lie below 1e-3, jumps that matter above.
 const STEP: f64 = 1e-3;

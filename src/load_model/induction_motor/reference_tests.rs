@@ -120,3 +120,49 @@ fn report(what: &str, errors: &[f64]) -> String {
         at(1.0)
     )
 }
+
+#[test]
+fn errors_on_the_motors_of_table_1_are_below_1e_7() {
+    let errors = errors(|case| case.kind == "table_1");
+    assert_eq!(errors.len(), 9);
+    assert!(errors.iter().all(|e| *e < 1e-7), "{}", report("Table 1", &errors));
+}
+
+#[test]
+fn errors_on_uniform_draws_over_the_box_are_below_1e_7() {
+    let errors = errors(|case| case.kind == "uniform");
+    assert!(errors.len() >= 50);
+    assert!(errors.iter().all(|e| *e < 1e-7), "{}", report("uniform", &errors));
+}
+
+#[test]
+fn errors_on_logarithmic_draws_over_the_box_are_below_1e_6() {
+    // Decay rates up to 4e6 1/s, rotors that stall, kappa up to 0.98.
+    let errors = errors(|case| case.kind == "logarithmic");
+    assert!(errors.len() >= 200);
+    let good = errors.iter().filter(|e| **e < 1e-6).count();
+    assert!(100 * good >= 99 * errors.len(), "{}", report("logarithmic", &errors));
+    // None is far off: what is left is the tolerance of the reference where Q is next to nothing.
+    assert!(errors[errors.len() - 1] < 1e-5, "{}", report("logarithmic", &errors));
+}
+
+/// The table of `docs/validation.md`: run with `--nocapture`.
+#[test]
+fn the_error_estimate_covers_the_error_by_region_of_the_box() {
+    let regions = [0.0, 50.0, 500.0, 5e3, 5e4, f64::INFINITY];
+    for pair in regions.windows(2) {
+        let inside = |case: &Case| (pair[0]..pair[1]).contains(&case.motor.alpha_per_s);
+        let what = format!("alpha from {} to {} 1/s", pair[0], pair[1]);
+        println!("{}", report(&what, &errors(inside)));
+    }
+    for case in cases().iter().step_by(7) {
+        let input = case.input();
+        let estimate = case.motor.estimate_error(&input).unwrap();
+        // 1e-7: the estimate does not know of the input's polynomials, nor of the reference's own error.
+        let mut out = MotorOutput::default();
+        case.motor.simulate(&input, &mut out).unwrap();
+        let size = |x: &[f64]| x.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+        let relative = estimate[0] / size(&out.active);
+        assert!(relative < 1e-6, "{:?}: estimate {relative:e}", case.motor);
+    }
+}
