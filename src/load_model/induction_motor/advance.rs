@@ -22,9 +22,6 @@ const IMPLICIT_REACH: f64 = 60.0;
 /// so each step may add an error of a few 1e-9 of the motor's power. Smaller values cost little (the
 /// order grows) and keep the output a smooth function of the parameters; below 1e-11 rounding interferes.
 const FLUX_TOLERANCE: f64 = 1e-9;
-/// The same for the implicit method, times this: its estimate is that of the solution before extrapolation,
-/// which is some hundred times worse than what is kept.
-const IMPLICIT_TOLERANCE: f64 = 20.0;
 /// Shortest step, seconds: where a jump of the input or the instant of standstill is pinned down to this,
 /// no rate in the box of the reference paper can tell the difference.
 const SHORTEST_S: f64 = 1e-10;
@@ -141,7 +138,7 @@ impl<S: Scalar> Mover<S> {
             (end, falling.min(to))
         } else {
             let (end, error) = radau::step(start, &constants, piece)?;
-            let tolerance = IMPLICIT_TOLERANCE * self.tolerance;
+            let tolerance = self.tolerance;
             let rotation = tolerance * start[2].value().abs().max(1.0);
             // Written so that NaN is refused.
             if !(error[0] <= tolerance && error[1] <= tolerance && error[2] <= rotation) {
@@ -160,7 +157,8 @@ impl<S: Scalar> Mover<S> {
         if self.steps_left == 0 {
             to.flux = [S::constant(f64::NAN); 2];
         }
-        self.standstill_kept(&mut to, piece, lowest, stop).then_some(to)
+        self.standstill_kept(&mut to, piece, lowest, stop)
+            .then_some(to)
     }
 
     fn acceleration(&self, from: &State<S>, h: f64) -> S {

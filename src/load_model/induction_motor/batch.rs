@@ -79,17 +79,26 @@ fn simulate_batch_on(
     effort: Effort,
     sink: &mut impl BatchSink,
 ) -> Vec<Result<(), Infeasible>> {
-    let verdicts: Vec<_> = motors.iter().map(|m| m.steady_state().map(|_| ())).collect();
+    let verdicts: Vec<_> = motors
+        .iter()
+        .map(|m| m.steady_state().map(|_| ()))
+        .collect();
     let parts: Vec<Option<usize>> = motors
         .iter()
         .zip(&verdicts)
-        .map(|(motor, verdict)| verdict.is_ok().then(|| parts_per_sample(motor, input, effort)))
+        .map(|(motor, verdict)| {
+            verdict
+                .is_ok()
+                .then(|| parts_per_sample(motor, input, effort))
+        })
         .collect();
     let mut step_counts: Vec<usize> = parts.iter().copied().flatten().collect();
     step_counts.sort_unstable();
     step_counts.dedup();
     for count in step_counts {
-        let members: Vec<usize> = (0..motors.len()).filter(|&i| parts[i] == Some(count)).collect();
+        let members: Vec<usize> = (0..motors.len())
+            .filter(|&i| parts[i] == Some(count))
+            .collect();
         if count > PARTS_MAX {
             for member in members {
                 alone(motors, member, input, sink);
@@ -171,9 +180,18 @@ fn steps(input: &TerminalInput, parts: usize) -> Vec<Step> {
         let dense = input.dense[sample];
         for_each_piece(input, sample, |piece, start, length| {
             let shares = if dense { (length / apart).max(1) } else { 1 };
-            let mut share = if shares == 1 { *piece } else { piece.shortened(shares) };
+            let mut share = if shares == 1 {
+                *piece
+            } else {
+                piece.shortened(shares)
+            };
             for i in 0..shares {
-                halve(&share, fine_s * (length / shares) as f64, longest_s, &mut steps);
+                halve(
+                    &share,
+                    fine_s * (length / shares) as f64,
+                    longest_s,
+                    &mut steps,
+                );
                 let end = start + (i + 1) * (length / shares) - origin;
                 let at_sample = end == input.points_per_sample;
                 if let Some(last) = steps.last_mut()
@@ -370,7 +388,11 @@ impl<'a, S: Simd, const W: usize> SideBySide<'a, S, W> {
             speed = self.standing.select(s, speed);
         }
         let good = tried.and_not(refused);
-        self.state = [good.select(end_a, a), good.select(end_b, b), good.select(speed, s)];
+        self.state = [
+            good.select(end_a, a),
+            good.select(end_b, b),
+            good.select(speed, s),
+        ];
         refused.or(too_long)
     }
 
@@ -415,7 +437,9 @@ impl<'a, S: Simd, const W: usize> SideBySide<'a, S, W> {
         };
         let [a, b, r] = Series::of_order_four([a, b, s * h], &constants, &step.piece);
         let speed = r * (1.0 / h);
-        let speed = speed.less_than(self.standstill).select(self.standstill, speed);
+        let speed = speed
+            .less_than(self.standstill)
+            .select(self.standstill, speed);
         self.state = [a, b, speed];
     }
 

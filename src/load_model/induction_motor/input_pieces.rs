@@ -160,7 +160,10 @@ fn finest(input: &TerminalInput, start: usize) -> Piece {
     let smooth = last >= 3 && parts.iter().all(|x| third(x).abs() <= STEP);
     for (part, x) in parts.into_iter().enumerate() {
         let coefficients = if smooth {
-            cubic([x[first], x[first + 1], x[first + 2], x[first + 3]], start - first)
+            cubic(
+                [x[first], x[first + 1], x[first + 2], x[first + 3]],
+                start - first,
+            )
         } else {
             [x[start], x[start + 1] - x[start], 0.0, 0.0]
         };
@@ -175,7 +178,12 @@ fn finest(input: &TerminalInput, start: usize) -> Piece {
 fn cubic(x: [f64; 4], shift: usize) -> [f64; 4] {
     let (d1, d2) = (x[1] - x[0], x[2] - 2.0 * x[1] + x[0]);
     let d3 = (x[3] - x[0]) - 3.0 * (x[2] - x[1]);
-    let mut c = [x[0], d1 - d2 / 2.0 + d3 / 3.0, d2 / 2.0 - d3 / 2.0, d3 / 6.0];
+    let mut c = [
+        x[0],
+        d1 - d2 / 2.0 + d3 / 3.0,
+        d2 / 2.0 - d3 / 2.0,
+        d3 / 6.0,
+    ];
     for _ in 0..shift {
         for i in 0..3 {
             for j in (i..3).rev() {
@@ -211,7 +219,9 @@ mod tests {
     fn pieces(input: &TerminalInput) -> Vec<(Piece, usize, usize)> {
         let mut all = Vec::new();
         for sample in 0..input.sample_count() - 1 {
-            for_each_piece(input, sample, |p, start, length| all.push((*p, start, length)));
+            for_each_piece(input, sample, |p, start, length| {
+                all.push((*p, start, length))
+            });
         }
         all
     }
@@ -248,7 +258,10 @@ mod tests {
         let phasor = |t: f64| [if t < 1.4 { 1.0 } else { 0.5 }, 0.0];
         let input = input(phasor);
         let all = pieces(&input);
-        let ramp: Vec<_> = all.iter().filter(|(p, ..)| p.phasor[1][0].abs() > 1e-9).collect();
+        let ramp: Vec<_> = all
+            .iter()
+            .filter(|(p, ..)| p.phasor[1][0].abs() > 1e-9)
+            .collect();
         assert_eq!(ramp.len(), 1);
         assert_eq!((ramp[0].1, ramp[0].2), (44, 1));
         assert!((ramp[0].0.phasor[1][0] + 0.5).abs() < 1e-15);

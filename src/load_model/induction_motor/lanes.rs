@@ -96,7 +96,9 @@ impl<S: Simd, const W: usize> Mask<S, W> {
     #[inline(always)]
     pub(super) fn and_not(mut self, other: Self) -> Self {
         for i in 0..W {
-            self.m[i] = self.simd.and_m64s(self.m[i], self.simd.not_m64s(other.m[i]));
+            self.m[i] = self
+                .simd
+                .and_m64s(self.m[i], self.simd.not_m64s(other.m[i]));
         }
         self
     }

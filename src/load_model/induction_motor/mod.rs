@@ -170,7 +170,11 @@ impl<S: Scalar> MotorCoordinates<S> {
             for_each_piece(input, sample, |piece, start, length| {
                 // Output instants are ends of steps.
                 let parts = if dense { (length / apart).max(1) } else { 1 };
-                let mut part = if parts == 1 { *piece } else { piece.shortened(parts) };
+                let mut part = if parts == 1 {
+                    *piece
+                } else {
+                    piece.shortened(parts)
+                };
                 for i in 0..parts {
                     mover.advance(&mut state, &part, fine_s * (length / parts) as f64);
                     let end = start + (i + 1) * (length / parts);

@@ -73,7 +73,11 @@ fn single<S: Scalar>(state: [S; 3], motor: &StepConstants<S>, piece: &Piece) -> 
             for c in 0..3 {
                 let step = change[3 * i + c];
                 stages[i][c] = stages[i][c] - step;
-                let size = if c == 2 { stages[i][c].value().abs().max(1.0) } else { 1.0 };
+                let size = if c == 2 {
+                    stages[i][c].value().abs().max(1.0)
+                } else {
+                    1.0
+                };
                 moved += step.value().abs() / size;
             }
         }

@@ -92,11 +92,7 @@ impl<A: Arithmetic> Series<A> {
 
     /// State at the end of a step by the series of order four.
     #[inline(always)]
-    pub(super) fn of_order_four(
-        state: [A; 3],
-        motor: &StepConstants<A>,
-        piece: &Piece,
-    ) -> [A; 3] {
+    pub(super) fn of_order_four(state: [A; 3], motor: &StepConstants<A>, piece: &Piece) -> [A; 3] {
         let mut series = Self {
             a: [state[0]; ORDER + 1],
             b: [state[1]; ORDER + 1],

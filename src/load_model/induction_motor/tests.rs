@@ -252,7 +252,10 @@ fn sensitivities_of_fast_motors_agree_with_differences() {
             let size = slopes.iter().fold(1.0_f64, |m, x| m.max(x.abs()));
             for (k, slope) in slopes.iter().enumerate() {
                 let difference = (exact.active[k].derivatives[i] - slope).abs();
-                assert!(difference < 1e-4 * size, "{i} {k}: {difference:e} of {size:e}");
+                assert!(
+                    difference < 1e-4 * size,
+                    "{i} {k}: {difference:e} of {size:e}"
+                );
             }
         }
     }
@@ -292,7 +295,10 @@ fn a_stalled_rotor_neither_turns_backwards_nor_stays_when_the_torque_returns() {
     };
     let mut input = dip(0.05);
     let low = input.real.iter().position(|re| *re < 0.5).unwrap();
-    for (re, im) in input.real[low..].iter_mut().zip(&mut input.imaginary[low..]) {
+    for (re, im) in input.real[low..]
+        .iter_mut()
+        .zip(&mut input.imaginary[low..])
+    {
         (*re, *im) = (0.05, 0.0);
     }
     let mut out = MotorOutput::default();

@@ -8,7 +8,11 @@ fn input(dense: bool) -> TerminalInput {
     let phasor = |i: usize| {
         let t = i as f64 / (points as f64 * 60.0);
         let v = if (0.2..0.3).contains(&t) { 0.5 } else { 1.0 };
-        let angle = if t < 0.2 { 0.0 } else { 0.1 * (9.0 * (t - 0.2)).sin() };
+        let angle = if t < 0.2 {
+            0.0
+        } else {
+            0.1 * (9.0 * (t - 0.2)).sin()
+        };
         [v * angle.cos(), v * angle.sin()]
     };
     let grid: Vec<_> = (0..=(samples - 1) * points).map(phasor).collect();
@@ -18,7 +22,9 @@ fn input(dense: bool) -> TerminalInput {
         points_per_sample: points,
         sample_interval_s: 1.0 / 60.0,
         jumps: vec![false; samples - 1],
-        dense: (0..samples - 1).map(|k| dense && (11..20).contains(&k)).collect(),
+        dense: (0..samples - 1)
+            .map(|k| dense && (11..20).contains(&k))
+            .collect(),
         synchronous_speed_rad_s: FULL_TURN,
     }
 }
@@ -48,7 +54,15 @@ fn on(
     let mut sink = |instant: usize, members: &[usize], p: &[f64], q: &[f64]| {
         for (lane, &motor) in members.iter().enumerate() {
             assert_eq!(out[motor].len(), instant);
-            out[motor].push([p[lane].to_bits(), q[lane].to_bits()]);
+            // The sign of "not a number" differs between instruction sets and means nothing.
+            let bits = |x: f64| {
+                if x.is_nan() {
+                    f64::NAN.to_bits()
+                } else {
+                    x.to_bits()
+                }
+            };
+            out[motor].push([bits(p[lane]), bits(q[lane])]);
         }
     };
     simulate_batch_on(arch, motors, input, effort, &mut sink);
@@ -64,7 +78,11 @@ fn a_batch_has_the_bits_of_each_motor_alone() {
             let mut out = MotorOutput::default();
             let verdict = motor.simulate(&input, &mut out);
             assert_eq!(verdict.is_ok(), i != 20);
-            let expected = if verdict.is_ok() { input.output_count() } else { 0 };
+            let expected = if verdict.is_ok() {
+                input.output_count()
+            } else {
+                0
+            };
             assert_eq!(batch[i].len(), expected);
             for (k, bits) in batch[i].iter().enumerate() {
                 assert_eq!(bits[0], out.active[k].to_bits(), "motor {i}, instant {k}");
@@ -77,7 +95,12 @@ fn a_batch_has_the_bits_of_each_motor_alone() {
 #[test]
 fn every_instruction_set_gives_the_same_bits() {
     let (motors, input) = (motors(), input(true));
-    for effort in [Effort::Exact, Effort::Fixed { steps_per_sample: 2 }] {
+    for effort in [
+        Effort::Exact,
+        Effort::Fixed {
+            steps_per_sample: 2,
+        },
+    ] {
         let best = on(Arch::new(), &motors, &input, effort);
         assert!(best == on(Arch::Scalar, &motors, &input, effort));
     }
@@ -86,7 +109,12 @@ fn every_instruction_set_gives_the_same_bits() {
 #[test]
 fn a_motor_in_a_batch_does_not_depend_on_its_companions() {
     let (motors, input) = (motors(), input(false));
-    for effort in [Effort::Exact, Effort::Fixed { steps_per_sample: 4 }] {
+    for effort in [
+        Effort::Exact,
+        Effort::Fixed {
+            steps_per_sample: 4,
+        },
+    ] {
         let together = on(Arch::new(), &motors, &input, effort);
         let mut reversed = motors.clone();
         reversed.reverse();
@@ -106,22 +134,47 @@ fn fixed_steps_converge_with_order_four() {
     }];
     let exact = on(Arch::new(), &motor, &input, Effort::Exact);
     let error = |steps_per_sample| {
-        let fixed = on(Arch::new(), &motor, &input, Effort::Fixed { steps_per_sample });
-        fixed[0].iter().zip(&exact[0]).fold(0.0_f64, |worst, (f, e)| {
-            worst.max((f64::from_bits(f[0]) - f64::from_bits(e[0])).abs())
-        })
+        let fixed = on(
+            Arch::new(),
+            &motor,
+            &input,
+            Effort::Fixed { steps_per_sample },
+        );
+        fixed[0]
+            .iter()
+            .zip(&exact[0])
+            .fold(0.0_f64, |worst, (f, e)| {
+                worst.max((f64::from_bits(f[0]) - f64::from_bits(e[0])).abs())
+            })
     };
     let (coarse, fine) = (error(2), error(8));
-    assert!(coarse < 1e-3 && fine < coarse / 100.0, "{coarse:e}, {fine:e}");
+    assert!(
+        coarse < 1e-3 && fine < coarse / 100.0,
+        "{coarse:e}, {fine:e}"
+    );
 }
 
 #[test]
 fn a_motor_that_overflows_leaves_the_others_alone() {
     let input = input(false);
     let mut motors = motors();
-    let before = on(Arch::new(), &motors, &input, Effort::Fixed { steps_per_sample: 1 });
+    let before = on(
+        Arch::new(),
+        &motors,
+        &input,
+        Effort::Fixed {
+            steps_per_sample: 1,
+        },
+    );
     motors[3].alpha_per_s = 1e200;
-    let after = on(Arch::new(), &motors, &input, Effort::Fixed { steps_per_sample: 1 });
+    let after = on(
+        Arch::new(),
+        &motors,
+        &input,
+        Effort::Fixed {
+            steps_per_sample: 1,
+        },
+    );
     for i in (0..motors.len()).filter(|i| *i != 3) {
         assert!(before[i] == after[i]);
     }
