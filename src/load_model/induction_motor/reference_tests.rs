@@ -1,5 +1,5 @@
-//! The simulation against trajectories computed elsewhere: SciPy's Radau method at a relative tolerance of
-//! 1e-12, written by `tests/fixtures/induction_motor_reference.py`, which also says what the cases are.
+//! The simulation against trajectories computed elsewhere: SciPy's Radau method, written by
+//! `tests/fixtures/induction_motor_reference.py`, which also says what the cases are.
 
 use super::*;
 
@@ -131,22 +131,22 @@ fn report(what: &str, errors: &[f64]) -> String {
 }
 
 #[test]
-fn errors_on_the_motors_of_table_1_are_below_1e_7() {
+fn errors_on_the_motors_of_table_1_are_below_1e_9() {
     let errors = errors(|case| case.kind == "table_1");
     assert_eq!(errors.len(), 9);
     assert!(
-        errors.iter().all(|e| *e < 1e-7),
+        errors.iter().all(|e| *e < 1e-9),
         "{}",
         report("Table 1", &errors)
     );
 }
 
 #[test]
-fn errors_on_uniform_draws_over_the_box_are_below_1e_7() {
+fn errors_on_uniform_draws_over_the_box_are_below_1e_9() {
     let errors = errors(|case| case.kind == "uniform");
     assert!(errors.len() >= 50);
     assert!(
-        errors.iter().all(|e| *e < 1e-7),
+        errors.iter().all(|e| *e < 1e-9),
         "{}",
         report("uniform", &errors)
     );
@@ -165,7 +165,7 @@ fn errors_on_logarithmic_draws_over_the_box_are_below_1e_6() {
     );
     // None is far off: what is left is the tolerance of the reference where Q is next to nothing.
     assert!(
-        errors[errors.len() - 1] < 1e-5,
+        errors[errors.len() - 1] < 2e-6,
         "{}",
         report("logarithmic", &errors)
     );
