@@ -4,6 +4,11 @@
 //! value and its derivatives. The value part of a dual run does the same operations in the same
 //! order as the plain run, so both give the same bits.
 
+#![allow(
+    clippy::inline_always,
+    reason = "a simulation is nothing but these operations"
+)]
+
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// What a polynomial right-hand side needs of its numbers. Besides every [`Scalar`], lanes of numbers

@@ -137,7 +137,7 @@ fn parts_per_sample(motor: &MotorCoordinates<f64>, input: &TerminalInput, effort
         Effort::Exact => {
             let rate = motor.alpha_per_s.max(motor.nu_per_s2.max(0.0).sqrt());
             let (mut parts, mut step_s) = (1, input.sample_interval_s);
-            while parts <= PARTS_MAX && !(step_s * rate <= SERIES_REACH) {
+            while parts <= PARTS_MAX && (step_s * rate > SERIES_REACH || rate.is_nan()) {
                 parts *= 2;
                 step_s *= 0.5;
             }
@@ -407,6 +407,10 @@ impl<'a, S: Simd, const W: usize> SideBySide<'a, S, W> {
         for (column, lanes) in columns.iter_mut().zip([a, b, s, standing, marked]) {
             lanes.store(column);
         }
+        #[allow(
+            clippy::needless_range_loop,
+            reason = "a lane is an index into five columns"
+        )]
         for lane in 0..Lanes::<S, W>::COUNT {
             if columns[4][lane] < 0.5 {
                 continue;

@@ -66,6 +66,8 @@ impl<S: Simd, const W: usize> Lanes<S, W> {
     pub(super) fn less_than(self, other: Self) -> Mask<S, W> {
         let simd = self.simd;
         let mut m = [simd.less_than_f64s(self.v[0], other.v[0]); W];
+        // An iterator over the masks would not be inlined by force.
+        #[allow(clippy::needless_range_loop, reason = "see above")]
         for i in 1..W {
             m[i] = simd.less_than_f64s(self.v[i], other.v[i]);
         }

@@ -18,7 +18,12 @@
 //! enter the dynamics; `1/x` appears only in `|u|^2 / x`, which a constant-impedance load absorbs
 //! exactly (`identification::estimates` reports that valley).
 //!
-//! Not in this file: stator resistance, saturation, a torque that depends on speed.
+//! Not in this module: stator resistance, saturation, a torque that depends on speed.
+
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions come out only where the whole chain of calls is one function"
+)]
 
 mod advance;
 mod batch;

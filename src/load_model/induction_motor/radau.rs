@@ -160,7 +160,7 @@ impl Factors {
             pivots[k] = pivot;
             lu.swap(k, pivot);
             let top = lu[k];
-            if !(top[k].abs() > 0.0) {
+            if top[k].abs() <= 0.0 || top[k].is_nan() {
                 return None;
             }
             for row in &mut lu[k + 1..] {
