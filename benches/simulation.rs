@@ -6,6 +6,8 @@
 #![allow(
     clippy::disallowed_methods,
     clippy::print_stdout,
+    clippy::let_underscore_must_use,
+    clippy::inline_always,
     reason = "a bench measures time and prints it"
 )]
 

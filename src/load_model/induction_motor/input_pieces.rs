@@ -220,7 +220,7 @@ mod tests {
         let mut all = Vec::new();
         for sample in 0..input.sample_count() - 1 {
             for_each_piece(input, sample, |p, start, length| {
-                all.push((*p, start, length))
+                all.push((*p, start, length));
             });
         }
         all

@@ -1,4 +1,4 @@
-//! The simulation against trajectories computed elsewhere: SciPy's Radau method, written by
+//! The simulation against trajectories computed elsewhere: the Radau method of `SciPy`, written by
 //! `tests/fixtures/induction_motor_reference.py`, which also says what the cases are.
 
 use super::*;
@@ -117,6 +117,11 @@ fn errors(of: impl Fn(&Case) -> bool) -> Vec<f64> {
     errors
 }
 
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a length is an index"
+)]
 fn report(what: &str, errors: &[f64]) -> String {
     let (n, at) = (errors.len(), |share: f64| {
         errors[((errors.len() - 1) as f64 * share) as usize]
