@@ -69,31 +69,4 @@ impl TerminalInput {
     pub(super) fn point(&self, index: usize) -> [f64; 2] {
         [self.real[index], self.imaginary[index]]
     }
-
-    /// The phasor at the middle and the end of substep `j` of `substeps` after grid point `origin`.
-    pub(super) fn ahead(&self, origin: usize, j: usize, substeps: usize) -> [[f64; 2]; 2] {
-        let twice = 2 * substeps;
-        if self.points_per_sample.is_multiple_of(twice) {
-            let half = self.points_per_sample / twice;
-            let middle = origin + (2 * j + 1) * half;
-            return [self.point(middle), self.point(middle + half)];
-        }
-        let half = self.points_per_sample as f64 / twice as f64;
-        let middle = origin as f64 + (2 * j + 1) as f64 * half;
-        [self.between(middle), self.between(middle + half)]
-    }
-
-    /// The phasor `position` fine grid points after the start, linear between grid points.
-    fn between(&self, position: f64) -> [f64; 2] {
-        #[allow(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            reason = "a position on the grid is between 0 and its length"
-        )]
-        let below = (position as usize).min(self.real.len() - 1);
-        let above = (below + 1).min(self.real.len() - 1);
-        let share = position - below as f64;
-        let value = |x: &[f64]| x[below] + share * (x[above] - x[below]);
-        [value(&self.real), value(&self.imaginary)]
-    }
 }

@@ -4,19 +4,39 @@
 //! value and its derivatives. The value part of a dual run does the same operations in the same
 //! order as the plain run, so both give the same bits.
 
+#![allow(
+    clippy::inline_always,
+    reason = "a simulation is nothing but these operations"
+)]
+
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// Numbers a model can be simulated in.
-pub trait Scalar:
+/// What a polynomial right-hand side needs of its numbers. Besides every [`Scalar`], lanes of numbers
+/// side by side have it.
+pub trait Arithmetic:
     Copy
     + Add<Output = Self>
     + Sub<Output = Self>
     + Mul<Output = Self>
-    + Div<Output = Self>
     + Neg<Output = Self>
     + Mul<f64, Output = Self>
     + Add<f64, Output = Self>
 {
+}
+
+impl<T> Arithmetic for T where
+    T: Copy
+        + Add<Output = T>
+        + Sub<Output = T>
+        + Mul<Output = T>
+        + Neg<Output = T>
+        + Mul<f64, Output = T>
+        + Add<f64, Output = T>
+{
+}
+
+/// Numbers a model can be simulated in.
+pub trait Scalar: Arithmetic + Div<Output = Self> {
     /// A constant.
     fn constant(value: f64) -> Self;
     /// The value without derivatives.
@@ -65,6 +85,7 @@ impl<const N: usize> Dual<N> {
         Self { value, derivatives }
     }
 
+    #[inline(always)]
     fn chain(self, value: f64, slope: f64) -> Self {
         Self {
             value,
@@ -72,6 +93,7 @@ impl<const N: usize> Dual<N> {
         }
     }
 
+    #[inline(always)]
     fn combine(self, other: Self, value: f64, slope: f64, slope_other: f64) -> Self {
         let mut derivatives = self.derivatives;
         for (d, o) in derivatives.iter_mut().zip(other.derivatives) {
@@ -84,6 +106,7 @@ impl<const N: usize> Dual<N> {
 impl<const N: usize> Add for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         let mut derivatives = self.derivatives;
         for (d, o) in derivatives.iter_mut().zip(other.derivatives) {
@@ -99,6 +122,7 @@ impl<const N: usize> Add for Dual<N> {
 impl<const N: usize> Sub for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         let mut derivatives = self.derivatives;
         for (d, o) in derivatives.iter_mut().zip(other.derivatives) {
@@ -114,6 +138,7 @@ impl<const N: usize> Sub for Dual<N> {
 impl<const N: usize> Mul for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn mul(self, other: Self) -> Self {
         self.combine(other, self.value * other.value, other.value, self.value)
     }
@@ -122,6 +147,7 @@ impl<const N: usize> Mul for Dual<N> {
 impl<const N: usize> Div for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn div(self, other: Self) -> Self {
         let quotient = self.value / other.value;
         self.combine(other, quotient, 1.0 / other.value, -quotient / other.value)
@@ -131,6 +157,7 @@ impl<const N: usize> Div for Dual<N> {
 impl<const N: usize> Neg for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn neg(self) -> Self {
         self.chain(-self.value, -1.0)
     }
@@ -139,6 +166,7 @@ impl<const N: usize> Neg for Dual<N> {
 impl<const N: usize> Mul<f64> for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn mul(self, factor: f64) -> Self {
         self.chain(self.value * factor, factor)
     }
@@ -147,6 +175,7 @@ impl<const N: usize> Mul<f64> for Dual<N> {
 impl<const N: usize> Add<f64> for Dual<N> {
     type Output = Self;
 
+    #[inline(always)]
     fn add(self, term: f64) -> Self {
         Self {
             value: self.value + term,

@@ -1,0 +1,181 @@
+use super::*;
+
+const FULL_TURN: f64 = 376.99;
+
+/// A dip to half with an angle, 0.1 s at 60 samples per second, then a slow swing.
+fn input(dense: bool) -> TerminalInput {
+    let (points, samples) = (32, 46);
+    let phasor = |i: usize| {
+        let t = i as f64 / (points as f64 * 60.0);
+        let v = if (0.2..0.3).contains(&t) { 0.5 } else { 1.0 };
+        let angle = if t < 0.2 {
+            0.0
+        } else {
+            0.1 * (9.0 * (t - 0.2)).sin()
+        };
+        [v * angle.cos(), v * angle.sin()]
+    };
+    let grid: Vec<_> = (0..=(samples - 1) * points).map(phasor).collect();
+    TerminalInput {
+        real: grid.iter().map(|u| u[0]).collect(),
+        imaginary: grid.iter().map(|u| u[1]).collect(),
+        points_per_sample: points,
+        sample_interval_s: 1.0 / 60.0,
+        jumps: vec![false; samples - 1],
+        dense: (0..samples - 1)
+            .map(|k| dense && (11..20).contains(&k))
+            .collect(),
+        synchronous_speed_rad_s: FULL_TURN,
+    }
+}
+
+/// Ordinary motors, some that stall, one that runs alone, one that cannot carry its load.
+fn motors() -> Vec<MotorCoordinates<f64>> {
+    let share = |i: u32, step: f64| (f64::from(i) * step).fract();
+    let mut all: Vec<_> = (0..37)
+        .map(|i| MotorCoordinates {
+            alpha_per_s: 3.0 * 100.0_f64.powf(share(i, 0.618)),
+            nu_per_s2: 20.0 * 2000.0_f64.powf(share(i, 0.755)),
+            kappa: 0.02 + 0.95 * share(i, 0.57),
+        })
+        .collect();
+    all[5].alpha_per_s = 2e5;
+    all[20].kappa = 1.5;
+    all
+}
+
+fn on(
+    arch: Arch,
+    motors: &[MotorCoordinates<f64>],
+    input: &TerminalInput,
+    effort: Effort,
+) -> Vec<Vec<[u64; 2]>> {
+    let mut out = vec![Vec::new(); motors.len()];
+    let mut sink = |instant: usize, members: &[usize], p: &[f64], q: &[f64]| {
+        for (lane, &motor) in members.iter().enumerate() {
+            assert_eq!(out[motor].len(), instant);
+            // The sign of "not a number" differs between instruction sets and means nothing.
+            let bits = |x: f64| {
+                if x.is_nan() {
+                    f64::NAN.to_bits()
+                } else {
+                    x.to_bits()
+                }
+            };
+            out[motor].push([bits(p[lane]), bits(q[lane])]);
+        }
+    };
+    simulate_batch_on(arch, motors, input, effort, &mut sink);
+    out
+}
+
+#[test]
+fn a_batch_has_the_bits_of_each_motor_alone() {
+    for dense in [false, true] {
+        let (motors, input) = (motors(), input(dense));
+        let batch = on(Arch::new(), &motors, &input, Effort::Exact);
+        for (i, motor) in motors.iter().enumerate() {
+            let mut out = MotorOutput::default();
+            let verdict = motor.simulate(&input, &mut out);
+            assert_eq!(verdict.is_ok(), i != 20);
+            let expected = if verdict.is_ok() {
+                input.output_count()
+            } else {
+                0
+            };
+            assert_eq!(batch[i].len(), expected);
+            for (k, bits) in batch[i].iter().enumerate() {
+                assert_eq!(bits[0], out.active[k].to_bits(), "motor {i}, instant {k}");
+                assert_eq!(bits[1], out.reactive[k].to_bits(), "motor {i}, instant {k}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_instruction_set_gives_the_same_bits() {
+    let (motors, input) = (motors(), input(true));
+    for effort in [
+        Effort::Exact,
+        Effort::Fixed {
+            steps_per_sample: 2,
+        },
+    ] {
+        let best = on(Arch::new(), &motors, &input, effort);
+        assert!(best == on(Arch::Scalar, &motors, &input, effort));
+    }
+}
+
+#[test]
+fn a_motor_in_a_batch_does_not_depend_on_its_companions() {
+    let (motors, input) = (motors(), input(false));
+    for effort in [
+        Effort::Exact,
+        Effort::Fixed {
+            steps_per_sample: 4,
+        },
+    ] {
+        let together = on(Arch::new(), &motors, &input, effort);
+        let mut reversed = motors.clone();
+        reversed.reverse();
+        let mut backwards = on(Arch::new(), &reversed, &input, effort);
+        backwards.reverse();
+        assert!(together == backwards);
+    }
+}
+
+#[test]
+fn fixed_steps_converge_with_order_four() {
+    let input = input(false);
+    let motor = [MotorCoordinates {
+        alpha_per_s: 35.0,
+        nu_per_s2: 1300.0,
+        kappa: 0.36,
+    }];
+    let exact = on(Arch::new(), &motor, &input, Effort::Exact);
+    let error = |steps_per_sample| {
+        let fixed = on(
+            Arch::new(),
+            &motor,
+            &input,
+            Effort::Fixed { steps_per_sample },
+        );
+        fixed[0]
+            .iter()
+            .zip(&exact[0])
+            .fold(0.0_f64, |worst, (f, e)| {
+                worst.max((f64::from_bits(f[0]) - f64::from_bits(e[0])).abs())
+            })
+    };
+    let (coarse, fine) = (error(2), error(8));
+    assert!(
+        coarse < 1e-3 && fine < coarse / 100.0,
+        "{coarse:e}, {fine:e}"
+    );
+}
+
+#[test]
+fn a_motor_that_overflows_leaves_the_others_alone() {
+    let input = input(false);
+    let mut motors = motors();
+    let before = on(
+        Arch::new(),
+        &motors,
+        &input,
+        Effort::Fixed {
+            steps_per_sample: 1,
+        },
+    );
+    motors[3].alpha_per_s = 1e200;
+    let after = on(
+        Arch::new(),
+        &motors,
+        &input,
+        Effort::Fixed {
+            steps_per_sample: 1,
+        },
+    );
+    for i in (0..motors.len()).filter(|i| *i != 3) {
+        assert!(before[i] == after[i]);
+    }
+}
