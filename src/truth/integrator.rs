@@ -13,6 +13,19 @@ pub struct IntegratorOptions {
     pub tolerance: f64,
     /// Longest step, seconds; default 20e-3, above 0.
     pub step_max_s: f64,
+    /// Distance of the instants at which phasors are kept, in milliseconds, where the solution
+    /// allows steps five times as long; it never is less than 1; default 1.
+    pub spacing_max: u32,
+}
+
+impl IntegratorOptions {
+    /// Milliseconds between the instants kept inside a step of `step_s`.
+    pub(super) fn nodes_every(&self, step_s: f64) -> f64 {
+        // From one node a millisecond on; five and more nodes in every longer step.
+        (step_s / 5e-3)
+            .floor()
+            .clamp(1.0, f64::from(self.spacing_max.max(1)))
+    }
 }
 
 impl Default for IntegratorOptions {
@@ -20,6 +33,7 @@ impl Default for IntegratorOptions {
         Self {
             tolerance: 1e-10,
             step_max_s: 20e-3,
+            spacing_max: 1,
         }
     }
 }
@@ -251,6 +265,7 @@ mod tests {
         let options = IntegratorOptions {
             tolerance,
             step_max_s,
+            ..IntegratorOptions::default()
         };
         let mut state = [1.0];
         Integrator::new(options, 1)
@@ -286,6 +301,7 @@ mod tests {
             let options = IntegratorOptions {
                 tolerance: 1.0,
                 step_max_s: step_s,
+                ..IntegratorOptions::default()
             };
             let mut integrator = Integrator::new(options, 1);
             let reached = integrator

@@ -8,9 +8,11 @@ use super::{
     solution::{Solution, Solver},
 };
 
-/// Distance of the nodes, seconds. Between nodes phasors are taken as straight lines: with swings of
+/// Least distance of the nodes, seconds. Between nodes phasors are taken as straight lines: with swings of
 /// 10 rad/s and transients of 10 ms that is wrong by less than 1e-5 pu.
 pub(super) const NODE_STEP_S: f64 = 1e-3;
+/// Nodes closer than this are the same, seconds.
+const SAME_RASTER_S: f64 = 1e-9;
 /// An instant is located to this width, seconds.
 const LOCATED_S: f64 = 1e-9;
 /// Instants closer than this are the same, seconds.
@@ -79,8 +81,8 @@ impl Simulation {
         let mut integrator = Integrator::new(self.options, self.state.len());
         let mut pending = switchings.iter().peekable();
         let mut time_s = 0.0;
-        let mut nodes = vec![self.node(time_s)?];
-        let mut watch = self.watch(time_s)?;
+        let (node, mut watch) = self.observe(time_s)?;
+        let mut nodes = vec![node];
         while time_s < end_s {
             let switching_s = pending.peek().map_or(end_s, |s| s.time_s);
             let limit_s = switching_s.min(self.load.timer_s()).min(end_s);
@@ -91,7 +93,7 @@ impl Simulation {
                     self.follow(&integrator, (time_s, reached_s), &mut watch, &mut nodes)?;
                 called |= time_s >= limit_s;
                 if called && nodes.last().is_none_or(|node| node.time_s < time_s) {
-                    nodes.push(self.node(time_s)?);
+                    nodes.push(self.observe(time_s)?.0);
                 }
             }
             if called {
@@ -105,9 +107,9 @@ impl Simulation {
                 jumped |= self.let_relays_react(time_s)?;
                 if jumped {
                     integrator.restart();
-                    nodes.push(self.node(time_s)?);
+                    nodes.push(self.observe(time_s)?.0);
                 }
-                watch = self.watch(time_s)?;
+                watch = self.observe(time_s)?.1;
             }
         }
         Ok(nodes)
@@ -145,19 +147,20 @@ impl Simulation {
         watch: &mut Vec<f64>,
         nodes: &mut Vec<Node>,
     ) -> Result<(f64, bool), TruthError> {
+        let spacing = self.options.nodes_every(to_s - from_s);
         let mut time_s = from_s;
         while time_s < to_s {
-            let next_s = raster_after(time_s).min(to_s);
+            let raster_s = raster_after(time_s, spacing);
+            let next_s = raster_s.min(to_s);
             self.place(integrator, from_s, next_s, to_s);
-            let guards = self.watch(next_s)?;
+            let (node, guards) = self.observe(next_s)?;
             if changed(watch, &guards) {
                 let found_s = self.locate(integrator, (from_s, to_s), (time_s, next_s), watch)?;
                 return Ok((found_s, true));
             }
             *watch = guards;
-            let on_raster = raster_after(time_s) <= to_s;
-            if on_raster {
-                nodes.push(self.node(next_s)?);
+            if raster_s - next_s < SAME_RASTER_S {
+                nodes.push(node);
             }
             time_s = next_s;
         }
@@ -185,7 +188,7 @@ impl Simulation {
         while right_s - left_s > LOCATED_S {
             let middle_s = 0.5 * (left_s + right_s);
             self.place(integrator, from_s, middle_s, to_s);
-            if changed(watch, &self.watch(middle_s)?) {
+            if changed(watch, &self.observe(middle_s)?.1) {
                 right_s = middle_s;
             } else {
                 left_s = middle_s;
@@ -223,22 +226,22 @@ impl Simulation {
             .solve(&self.grid, &self.load, &self.state, time_s)
     }
 
-    fn watch(&mut self, time_s: f64) -> Result<Vec<f64>, TruthError> {
-        let voltage = self.solve(time_s)?.terminal;
+    /// What is measured, and the guards of all relays.
+    fn observe(&mut self, time_s: f64) -> Result<(Node, Vec<f64>), TruthError> {
+        let found = self.solve(time_s)?;
         let (_, parts) = self.state.split_at(MACHINE_STATES);
         let mut guards = Vec::new();
-        self.load
-            .guards(Terminal { time_s, voltage }, parts, &mut guards);
-        Ok(guards)
-    }
-
-    fn node(&mut self, time_s: f64) -> Result<Node, TruthError> {
-        let found = self.solve(time_s)?;
-        Ok(Node {
+        let terminal = Terminal {
+            time_s,
+            voltage: found.terminal,
+        };
+        self.load.guards(terminal, parts, &mut guards);
+        let node = Node {
             time_s,
             voltage: found.voltage,
             current: found.current,
-        })
+        };
+        Ok((node, guards))
     }
 }
 
@@ -247,10 +250,12 @@ fn changed(before: &[f64], after: &[f64]) -> bool {
     pairs.into_iter().any(|(a, b)| (*a < 0.0) != (*b < 0.0))
 }
 
-/// The first instant of the raster after `time_s`; never one so close that it is the same.
-fn raster_after(time_s: f64) -> f64 {
-    let number = (time_s / NODE_STEP_S + 1e-6).floor() + 1.0;
-    number * NODE_STEP_S
+/// The first instant of the raster of `spacing` nodes after `time_s`; never one so close that it is
+/// the same.
+fn raster_after(time_s: f64, spacing: f64) -> f64 {
+    let step_s = NODE_STEP_S * spacing;
+    let number = ((time_s + SAME_RASTER_S) / step_s).floor() + 1.0;
+    number * step_s
 }
 
 #[cfg(test)]

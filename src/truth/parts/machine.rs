@@ -102,13 +102,19 @@ impl MachineSettings {
     /// The flux that solves `flux (magnetising(S) + others) = sources`, (3).
     fn main_flux(&self, sources: Phasor, others: Phasor) -> Phasor {
         // Each round gains a digit and a half: S changes the sum by a few percent only.
-        const ROUNDS: usize = 14;
+        const ROUNDS: usize = 20;
+        const CHANGE_MIN_PU: f64 = 1e-14;
         let unsaturated = 1.0 / self.circuit.magnetising_reactance;
         let mut flux = sources / (others + unsaturated);
         if let Some(saturation) = self.saturation {
             for _ in 0..ROUNDS {
                 let factor = 1.0 + saturation.factor(flux.norm());
-                flux = sources / (others + unsaturated * factor);
+                let next = sources / (others + unsaturated * factor);
+                let change = (next - flux).norm();
+                flux = next;
+                if change < CHANGE_MIN_PU {
+                    break;
+                }
             }
         }
         flux
