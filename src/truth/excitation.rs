@@ -183,7 +183,8 @@ impl Excitation {
 
     /// Whether depths must stay mild so that nothing shows.
     pub(super) fn mild_only(&self) -> bool {
-        !self.wanted && self.needs.contains(&Need::Depths)
+        let any_depth = |need: &Need| matches!(need, Need::Depths | Need::Frequency);
+        !self.wanted && self.needs.iter().any(any_depth)
     }
 }
 

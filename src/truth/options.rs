@@ -8,6 +8,10 @@ use crate::measurement::Site;
 
 /// Longest window, seconds.
 const DURATION_MAX_S: f64 = 600.0;
+/// Share of P0 that shall stay with the static load.
+const STATIC_LEFT: f64 = 0.15;
+/// Share of P0 that shall stay with motors.
+const MOTORS_LEFT: f64 = 0.1;
 /// Part of the random numbers that the variation of sites uses.
 const VARIED_PART: u64 = 2_000_000;
 
@@ -135,6 +139,16 @@ impl SiteOptions {
         let needed = effects.iter().map(window_s).fold(self.duration_s, f64::max);
         self.duration_s = needed.min(DURATION_MAX_S);
         self.effects = effects;
+        self
+    }
+
+    /// Takes from the motors' share what the static load needs beside effects that take shares of
+    /// P0 themselves.
+    #[must_use]
+    pub fn leaving_room(mut self) -> Self {
+        let taken: f64 = self.effects.iter().map(share_of_static).sum();
+        let room = (1.0 - STATIC_LEFT - taken).max(MOTORS_LEFT);
+        self.motor_share = self.motor_share.min(room);
         self
     }
 
@@ -274,6 +288,19 @@ impl SiteOptions {
                 "1e-14 to 0.01",
             ),
         ]
+    }
+}
+
+/// Share of P0 that an effect takes from the static load.
+fn share_of_static(hidden: &HiddenEffect) -> f64 {
+    match hidden.effect() {
+        Effect::ElectronicLoadDropout
+        | Effect::SelfDisconnection
+        | Effect::ExponentialRecovery
+        | Effect::SinglePhaseAcStall
+        | Effect::DischargeLighting
+        | Effect::ContactorDropout => hidden.value("share"),
+        _ => 0.0,
     }
 }
 

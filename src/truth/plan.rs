@@ -92,7 +92,7 @@ pub struct EventPlan {
 /// Retained voltage of the deepest and of the mildest fault where nothing else is asked for.
 pub(super) const RETAINED: (f64, f64) = (0.50, 0.92);
 /// The same where effects must not show.
-const RETAINED_MILD: (f64, f64) = (0.86, 0.95);
+const RETAINED_MILD: (f64, f64) = (0.91, 0.96);
 /// Deepest and mildest fault of all.
 const RETAINED_LIMITS: (f64, f64) = (0.3, 0.96);
 

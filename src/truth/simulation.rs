@@ -9,7 +9,7 @@ use super::{
 };
 
 /// Least distance of the nodes, seconds. Between nodes phasors are taken as straight lines: with swings of
-/// 10 rad/s and transients of 10 ms that is wrong by less than 1e-5 pu.
+/// 10 rad/s and transients of 10 ms that is wrong by about 1e-5 pu.
 pub(super) const NODE_STEP_S: f64 = 1e-3;
 /// Nodes closer than this are the same, seconds.
 const SAME_RASTER_S: f64 = 1e-9;

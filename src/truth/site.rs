@@ -224,7 +224,9 @@ impl Event<'_> {
         for _ in 0..CORRECTIONS_MAX {
             let again = match &outcome {
                 Ok(run) => plan.correct(self.has_acted(plan, run), CORRECTION),
-                Err(TruthError::NoNetworkSolution { .. }) if plan.kind.is_fault() => {
+                Err(TruthError::NoNetworkSolution { .. } | TruthError::StepTooSmall { .. })
+                    if plan.kind.is_fault() =>
+                {
                     plan.retained = (plan.retained + 2.0 * CORRECTION).min(0.96);
                     true
                 }
@@ -283,16 +285,20 @@ fn operated(hidden: &HiddenEffect, operations: &[Operation], lowest_voltage_pu: 
     operations.iter().any(|operation| operation.part == name)
 }
 
-/// Whether the effect shows in the event.
+/// Whether the effect shows in the event: a relay has operated, the frequency or the voltage has
+/// stayed away, or the dip was deep enough for effects that are there at any depth.
 fn acts(hidden: &HiddenEffect, truth: &EventTruth) -> bool {
     let kind = truth.plan.kind;
     let deep = truth.lowest_voltage_pu < DEEP * truth.voltage_pu;
+    let stays = !matches!(kind, EventKind::Fault);
     match hidden.effect() {
         Effect::LoadRamp | Effect::RatioPhaseError | Effect::FrequencyTracking => true,
-        Effect::ExponentialRecovery | Effect::Saturation => true,
+        Effect::ExponentialRecovery => stays,
+        Effect::Saturation => stays || deep,
         effect => match Need::of(hidden) {
-            Need::Dips(_) => operated(hidden, &truth.operations, truth.lowest_voltage_pu),
-            Need::Sustained => operated(hidden, &truth.operations, truth.lowest_voltage_pu),
+            Need::Dips(_) | Need::Sustained => {
+                operated(hidden, &truth.operations, truth.lowest_voltage_pu)
+            }
             Need::Frequency => {
                 let moved = matches!(kind, EventKind::GeneratorTrip | EventKind::LoadRejection);
                 moved || (deep && effect == Effect::SpeedDependentTorque)
@@ -303,7 +309,7 @@ fn acts(hidden: &HiddenEffect, truth: &EventTruth) -> bool {
 }
 
 /// Voltage over that before the event below which effects without a threshold show.
-const DEEP: f64 = 0.9;
+const DEEP: f64 = 0.85;
 
 fn pmu(options: &SiteOptions) -> Pmu {
     let mut pmu = Pmu::sound(
@@ -366,6 +372,9 @@ fn frequency_range(record: &Record) -> (f64, f64) {
             (low.min(sample.frequency_hz), high.max(sample.frequency_hz))
         })
 }
+
+#[cfg(test)]
+mod hidden_tests;
 
 #[cfg(test)]
 mod tests {

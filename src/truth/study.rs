@@ -89,7 +89,7 @@ pub fn study_site(seed: u64, number: u64, shape: &StudyShape) -> Result<Syntheti
     }
     let effects = shape.effects.iter();
     let hidden = effects.map(|effect| HiddenEffect::drawn(*effect, own_seed));
-    let options = options.hiding(hidden.collect());
+    let options = options.hiding(hidden.collect()).leaving_room();
     generate(&options, &mut |_| ())
 }
 

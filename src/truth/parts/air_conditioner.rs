@@ -4,6 +4,7 @@
 //! ```text
 //! (1)  running, V >= V_brk:  P = P0' + Kp1 (V - V_brk)^Np1,  Q = Q0' + Kq1 (V - V_brk)^Nq1
 //! (2)  running, V <  V_brk:  P = P0' + Kp2 (V_brk - V)^Np2,  Q = Q0' + Kq2 (V_brk - V)^Nq2
+//!      but never more than (4): a motor that slows down is an impedance in the end
 //! (3)  P0' = 1 - Kp1 (1 - V_brk)^Np1,  Q0' = tan(acos pf) - Kq1 (1 - V_brk)^Nq1
 //! (4)  stalled:  P = V^2 R/(R^2 + X^2),  Q = V^2 X/(R^2 + X^2)
 //! (5)  V < V_stall for T_stall: all stall; V > V_rst for T_rst: the share F_rst runs again
@@ -67,7 +68,9 @@ impl AirConditionerSettings {
         } else {
             let below = BREAK_PU - voltage_pu;
             let power = |(k, n): (f64, f64)| k * below.powf(n);
-            at_break + Phasor::new(power(ACTIVE_BELOW), power(REACTIVE_BELOW))
+            let slowing = at_break + Phasor::new(power(ACTIVE_BELOW), power(REACTIVE_BELOW));
+            let standing = self.standing(voltage_pu);
+            Phasor::new(slowing.re.min(standing.re), slowing.im.min(standing.im))
         }
     }
 
