@@ -157,7 +157,8 @@ impl SiteOptions {
         let ranges = self
             .measurement_ranges()
             .into_iter()
-            .chain(self.load_ranges());
+            .chain(self.load_ranges())
+            .chain(self.motor_ranges());
         for (option, given, low, high, required) in ranges {
             if !(low..=high).contains(&given) {
                 return Err(TruthError::OptionOutOfRange {
@@ -208,9 +209,7 @@ impl SiteOptions {
         ]
     }
 
-    fn load_ranges(&self) -> [Range; 15] {
-        let motor = &self.motor;
-        let reactance = "0.001 to 100 pu";
+    fn load_ranges(&self) -> [Range; 8] {
         [
             ("active power", self.active_pu, 0.05, 2.0, "0.05 to 2 pu"),
             ("reactive power", self.reactive_pu, -1.0, 2.0, "-1 to 2 pu"),
@@ -237,6 +236,20 @@ impl SiteOptions {
                 0.96,
                 "the deepest to 0.96",
             ),
+            (
+                "tolerance",
+                self.integrator.tolerance,
+                1e-14,
+                1e-2,
+                "1e-14 to 0.01",
+            ),
+        ]
+    }
+
+    fn motor_ranges(&self) -> [Range; 7] {
+        let motor = &self.motor;
+        let reactance = "0.001 to 100 pu";
+        [
             (
                 "motor inertia",
                 motor.inertia_s,
@@ -280,13 +293,6 @@ impl SiteOptions {
                 reactance,
             ),
             ("load factor", motor.load_factor, 1e-2, 2.0, "0.01 to 2"),
-            (
-                "tolerance",
-                self.integrator.tolerance,
-                1e-14,
-                1e-2,
-                "1e-14 to 0.01",
-            ),
         ]
     }
 }

@@ -26,25 +26,25 @@ use crate::truth::{
 pub(in crate::truth) struct AirConditionerSettings {
     /// Power factor at 1 pu.
     pub(in crate::truth) power_factor: f64,
-    /// V_stall, pu.
+    /// `V_stall`, pu.
     pub(in crate::truth) stall_pu: f64,
-    /// T_stall, s.
+    /// `T_stall`, s.
     pub(in crate::truth) stall_delay_s: f64,
     /// R and X of stalled motors, pu.
     pub(in crate::truth) stalled: (f64, f64),
-    /// F_rst.
+    /// `F_rst`.
     pub(in crate::truth) restarting: f64,
-    /// V_rst, pu.
+    /// `V_rst`, pu.
     pub(in crate::truth) restart_pu: f64,
-    /// T_rst, s.
+    /// `T_rst`, s.
     pub(in crate::truth) restart_delay_s: f64,
-    /// T_th, s.
+    /// `T_th`, s.
     pub(in crate::truth) thermal_s: f64,
     /// Th1 and Th2.
     pub(in crate::truth) thermal_trip: (f64, f64),
 }
 
-/// V_brk, pu.
+/// `V_brk`, pu.
 const BREAK_PU: f64 = 0.86;
 /// Kq1, Nq1.
 const REACTIVE_ABOVE: (f64, f64) = (6.0, 2.0);

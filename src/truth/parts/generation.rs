@@ -8,7 +8,7 @@
 //! ```
 //!
 //! Source: NERC reliability guidelines on inverter-based resources and DER (momentary cessation with
-//! delay and ramp), WECC DER_A (blocks between two voltages); current control as a first-order lag.
+//! delay and ramp), WECC `DER_A` (blocks between two voltages); current control as a first-order lag.
 
 use crate::truth::{
     Phasor,

@@ -3,7 +3,7 @@
 //! breaker behind which it coasts and from which it re-accelerates.
 //!
 //! In a frame that turns at nominal speed, on the motor's base, consumption positive; k counts the
-//! rotor branches, psi_m is the air-gap flux, w the speed in pu:
+//! rotor branches, `psi_m` is the air-gap flux, w the speed in pu:
 //!
 //! ```text
 //! (1)  V = (R_s + j f X_s) I_s + j f psi_m             stator, f = 1 + df or 1
@@ -14,9 +14,9 @@
 //! (6)  2 H dw/dt = T_e - T_rest (A w^2 + B w + C)/(A w_rest^2 + B w_rest + C),  C = 1 - A - B
 //! ```
 //!
-//! With the breaker open I_s = 0: the rotor fluxes decay and the motor coasts down. Sources: Kundur
+//! With the breaker open `I_s = 0`: the rotor fluxes decay and the motor coasts down. Sources: Kundur
 //! (1994), sections 4.3, 5.2.2, 7.2 (two rotor circuits, saturation S(1.0) and S(1.2), torque as a
-//! polynomial of the speed). States: psi_k in Cartesian form, w, and the tracked angle of `frequency`.
+//! polynomial of the speed). States: `psi_k` in Cartesian form, w, and the tracked angle of `frequency`.
 
 use super::{frequency::FrequencyTracker, motor::MotorCircuit};
 use crate::truth::{
@@ -230,7 +230,7 @@ impl Machine {
         })
     }
 
-    fn linkage(&self, branch: usize, state: &[f64]) -> Phasor {
+    fn linkage(branch: usize, state: &[f64]) -> Phasor {
         Phasor::new(state[2 * branch], state[2 * branch + 1])
     }
 
@@ -239,7 +239,7 @@ impl Machine {
         let nothing = Phasor::new(0.0, 0.0);
         let (mut sources, mut others) = (nothing, nothing);
         for (k, branch) in self.branches.iter().enumerate() {
-            sources += self.linkage(k, state) / branch.reactance;
+            sources += Self::linkage(k, state) / branch.reactance;
             others += 1.0 / branch.reactance;
         }
         if !self.connected() {
@@ -281,7 +281,7 @@ impl Part for Machine {
         let at_speed = 2 * self.branches.len();
         let speed = state[at_speed];
         for (k, branch) in self.branches.iter().enumerate() {
-            let linkage = self.linkage(k, state);
+            let linkage = Self::linkage(k, state);
             let own = (linkage - flux) / branch.reactance; // (2)
             let turning = Phasor::new(0.0, w0 * (speed - 1.0)) * linkage;
             let rate = turning - w0 * branch.resistance * own; // (4)
@@ -410,7 +410,7 @@ mod tests {
             .iter()
             .enumerate()
             .map(|(k, b)| {
-                let own = (machine.linkage(k, &state) - flux) / b.reactance;
+                let own = (Machine::linkage(k, &state) - flux) / b.reactance;
                 b.resistance * own.norm_sqr()
             })
             .sum();

@@ -46,7 +46,7 @@ pub(in crate::truth) struct StaticLoad {
     zip: Zip,
     initial_voltage: Phasor,
     initial: Phasor,
-    /// V_c, pu; 0 for none.
+    /// `V_c`, pu; 0 for none.
     pub(in crate::truth) conversion_pu: f64,
     /// Kpf and Kqf.
     pub(in crate::truth) frequency: Option<FrequencyDependence>,

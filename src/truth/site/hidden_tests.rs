@@ -267,11 +267,6 @@ fn a_relay_that_sees_the_voltage_glide_through_its_level_picks_up_on_it() {
     assert!((found_s - crossing_s).abs() < 3e-5, "{found_s}");
 }
 
-fn with_share(mut hidden: HiddenEffect, share: &str) -> HiddenEffect {
-    hidden.set("share", share).unwrap();
-    hidden
-}
-
 #[test]
 fn tripped_motors_stay_away_or_coast_and_come_back() {
     let trip = |reconnects: &str| {
