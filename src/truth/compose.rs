@@ -89,6 +89,15 @@ pub(super) fn compose(
     })
 }
 
+/// Shares of the motors' power: of the motors without an effect of their own, of a second group, of
+/// those that trip. The last are taken from the first.
+pub(super) fn motor_groups(effects: &[HiddenEffect]) -> (f64, f64, f64) {
+    let share = |effect| found(effects, effect).map_or(0.0, |h| h.value("share_of_motors"));
+    let second = share(Effect::SecondMotor);
+    let tripping = (1.0 - second) * share(Effect::MotorUndervoltageTrip);
+    (1.0 - second - tripping, second, tripping)
+}
+
 fn found(effects: &[HiddenEffect], effect: Effect) -> Option<&HiddenEffect> {
     effects.iter().find(|hidden| hidden.effect() == effect)
 }
@@ -142,22 +151,10 @@ impl Composition<'_> {
 
     /// Motors that together draw `total_pu`.
     fn add_motors(&mut self, total_pu: f64) -> Result<(), TruthError> {
-        let share = |effect| {
-            let hidden = found(self.effects, effect);
-            hidden.map_or(0.0, |hidden| hidden.value("share_of_motors"))
-        };
-        let second = share(Effect::SecondMotor);
-        let tripping = share(Effect::MotorUndervoltageTrip);
-        let first = 1.0 - second - tripping;
-        if first < -1e-9 {
-            return Err(TruthError::NothingLeft {
-                of: "the motors",
-                left: first,
-            });
-        }
+        let (first, second, tripping) = motor_groups(self.effects);
         let plain = self.motor_settings();
         let is_plain = plain == MachineSettings::plain(plain.circuit);
-        let first_pu = total_pu * first.max(0.0);
+        let first_pu = total_pu * first;
         if first_pu > 0.0 && is_plain {
             let motor = Motor::at_operating_point(
                 plain.circuit,

@@ -140,7 +140,7 @@ const MOTOR_UNDERVOLTAGE_TRIP: &[EffectParameter] = &[
         "share_of_motors",
         (0.3, 0.6),
         (0.0, 0.95),
-        "share of the motors' power that trips",
+        "share of the first group's power that trips",
     ),
     quantity("threshold_pu", (0.62, 0.78), VOLTAGE, "voltage of the trip"),
     quantity("delay_s", (0.02, 0.06), DELAY, "delay of the trip"),

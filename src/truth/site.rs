@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::{
     BadSamples, Effect, EventKind, EventPlan, HiddenEffect, LoadBaseParameters, Operation,
     PartPower, Phasor, Random, SiteOptions, TruthError, Zip,
-    compose::{Composed, OperatingPoint, compose},
+    compose::{Composed, OperatingPoint, compose, motor_groups},
     excitation::{Excitation, Need},
     network::Grid,
     pmu::Pmu,
@@ -104,7 +104,7 @@ pub fn generate(
         truth.push(event);
         progress(index + 1);
     }
-    let active_pu = options.active_pu * options.motor_share * first_motors(&options.effects);
+    let active_pu = options.active_pu * options.motor_share * motor_groups(&options.effects).0;
     Ok(SyntheticSite {
         options: options.clone(),
         motor: options
@@ -117,18 +117,6 @@ pub fn generate(
 
 fn nominal_rad_s(options: &SiteOptions) -> f64 {
     TAU * options.site.nominal_hz
-}
-
-/// Share of the motors that no effect has made into motors of another kind.
-fn first_motors(effects: &[HiddenEffect]) -> f64 {
-    let others = effects.iter().filter(|hidden| {
-        matches!(
-            hidden.effect(),
-            Effect::SecondMotor | Effect::MotorUndervoltageTrip
-        )
-    });
-    let others: f64 = others.map(|hidden| hidden.value("share_of_motors")).sum();
-    (1.0 - others).max(0.0)
 }
 
 fn longest_delay_s(excitation: &Excitation) -> f64 {
@@ -191,7 +179,7 @@ impl Event<'_> {
         if let Some(bad) = bad_samples {
             bad.apply(&mut record);
         }
-        let motors_pu = point.motor_share * point.power.re * first_motors(&options.effects);
+        let motors_pu = point.motor_share * point.power.re * motor_groups(&options.effects).0;
         let mut truth = EventTruth {
             plan,
             voltage_pu: point.voltage.norm(),

@@ -3,7 +3,10 @@
 
 use std::f64::consts::TAU;
 
-use super::{Effect, HiddenEffect, MotorCircuit, SyntheticSite, compose::second_circuit};
+use super::{
+    Effect, HiddenEffect, MotorCircuit, SyntheticSite,
+    compose::{motor_groups, second_circuit},
+};
 
 /// An effect and its true values by name.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,7 +59,10 @@ fn values_of(site: &SyntheticSite, hidden: &HiddenEffect) -> Option<Vec<(&'stati
             ])
         }
         Effect::MotorUndervoltageTrip => Some(vec![
-            ("share", options.motor_share * own("share_of_motors")),
+            (
+                "share",
+                options.motor_share * motor_groups(&options.effects).2,
+            ),
             ("share_of_motors", own("share_of_motors")),
             ("threshold_pu", own("threshold_pu")),
             ("delay_s", own("delay_s")),
