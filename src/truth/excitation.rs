@@ -27,6 +27,8 @@ pub(super) struct Threshold {
     pub(super) well_below_pu: f64,
     /// How long a dip must last, s.
     pub(super) lasting_s: f64,
+    /// Whether it takes a second dip in the window.
+    pub(super) second_dip: bool,
 }
 
 /// What all hidden effects need together.
@@ -46,6 +48,7 @@ impl Need {
                 first_pu,
                 well_below_pu: 0.5 * (first_pu + last_pu),
                 lasting_s,
+                second_dip: hidden.effect() == Effect::SelfDisconnection && value("dips") > 1.0,
             })
         };
         let at = |voltage_pu: f64, lasting_s: f64| between(voltage_pu, voltage_pu, lasting_s);
@@ -90,6 +93,9 @@ impl Need {
             LineSwitching, LoadRejection,
         };
         match (self, wanted) {
+            (Self::Dips(threshold), true) if threshold.second_dip => {
+                &[DoubleFault, Fault, DoubleFault, DoubleFault, GeneratorTrip]
+            }
             (Self::Dips(_), true) => &[
                 Fault,
                 Fault,
@@ -183,7 +189,7 @@ impl Excitation {
 
     /// Whether depths must stay mild so that nothing shows.
     pub(super) fn mild_only(&self) -> bool {
-        let any_depth = |need: &Need| matches!(need, Need::Depths | Need::Frequency);
+        let any_depth = |need: &Need| !matches!(need, Need::Dips(_));
         !self.wanted && self.needs.iter().any(any_depth)
     }
 }

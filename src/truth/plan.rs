@@ -142,7 +142,8 @@ impl EventPlan {
             threshold.first_pu + random.between(0.07, 0.20)
         };
         self.retained = retained.clamp(RETAINED_LIMITS.0, RETAINED_LIMITS.1);
-        self.target = Some((threshold.effect, beyond));
+        let can_act = !threshold.second_dip || self.kind == EventKind::DoubleFault;
+        self.target = can_act.then_some((threshold.effect, beyond));
         self.cycles = (5 + random.below(1 + depth_allowance(self.retained))) as f64;
     }
 

@@ -239,6 +239,22 @@ fn a_block_leaves_exactly_its_delay_after_the_voltage_fell() {
 }
 
 #[test]
+fn a_block_that_waits_for_the_second_dip_leaves_in_it() {
+    let block = hidden(
+        Effect::SelfDisconnection,
+        &[("threshold_pu", "0.8"), ("delay_s", "0.03"), ("dips", "2")],
+    );
+    let double = plan(EventKind::DoubleFault, 0.65, 1.1);
+    let run = run(&options(vec![block.clone()]), &double);
+    // Six cycles of 1/60 s, 0.7 s, and the delay.
+    let left_s = run.operations[0].time_s - ONSET_S;
+    assert!((left_s - (0.1 + 0.7 + 0.03)).abs() < 1e-9, "{left_s}");
+    let site = generate(&options(vec![block]), &mut |_| ()).unwrap();
+    let showing = site.truth.iter().filter(|truth| !truth.showing.is_empty());
+    assert!(showing.count() >= 2);
+}
+
+#[test]
 fn a_relay_that_sees_the_voltage_glide_through_its_level_picks_up_on_it() {
     // While the fault lasts motors slow down and the voltage sinks. The level lies where the plain
     // event has it between two nodes.
