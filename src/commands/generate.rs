@@ -18,6 +18,10 @@ use crate::{
 /// Writes `DIR/SITE/` (site folder) and `DIR/SITE.truth.json` (what is hidden in it). The same
 /// options give the same files.
 #[derive(Clone, Debug, clap::Args)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 pub struct GenerateArgs {
     /// Name of the site.
     #[arg(long, default_value = "synthetic")]
