@@ -15,7 +15,10 @@ use serde_json::{Value, json};
 use super::recordings::site_folder::{self, FolderEvent, Intake};
 use crate::{
     measurement::Record,
-    truth::{EventTruth, LoadBaseParameters, MotorCircuit, SyntheticSite, Zip},
+    truth::{
+        Effect, EventTruth, HiddenEffect, LoadBaseParameters, MotorCircuit, SyntheticSite, Zip,
+        estimator_terms,
+    },
 };
 
 /// Where a synthetic site was written.
@@ -118,26 +121,28 @@ fn folder_event((index, record): (usize, &Record)) -> FolderEvent {
 
 fn truth_document(site: &SyntheticSite) -> Value {
     let options = &site.options;
-    let mut also_present = Vec::new();
-    if options.filter_cycles > 0.0 {
-        also_present.push("phasor_window");
-    }
-    if options.motor.stator_resistance > 0.0 {
-        also_present.push("stator_resistance");
-    }
+    let names: Vec<_> = options.effects.iter().map(|h| h.effect().name()).collect();
     let events: Vec<_> = site
         .truth
         .iter()
         .enumerate()
         .map(|(index, truth)| event_document(index, truth))
         .collect();
+    let showing: Vec<_> = (0..events.len())
+        .filter(|index| !site.truth[*index].showing.is_empty())
+        .map(event_file)
+        .collect();
+    let mut parameters = load_base(&site.motor);
+    parameters["effects"] = effect_parameters(&options.effects);
+    parameters["estimator_terms"] = terms(site);
     json!({
         "site": options.site.name,
-        "effects": [],
-        "also_present": also_present,
+        "effects": names,
+        "also_present": also_present(site),
+        "equally_right": equally_right(&options.effects),
         "simulator": concat!(
             "loadmodeld generate ", env!("CARGO_PKG_VERSION"),
-            ": rotor flux linkages, closed-loop network, Dormand-Prince 5(4)"
+            ": rotor flux linkages, closed-loop network, Dormand-Prince 5(4), discrete relays"
         ),
         "seed": options.seed,
         "zip_im": {
@@ -146,15 +151,82 @@ fn truth_document(site: &SyntheticSite) -> Value {
             "zip": zip(&options.zip),
             "motor_fields": "pu on machine base; LF = active power over rating",
         },
-        "parameters": load_base(&site.motor),
+        "parameters": parameters,
         "noise_rel": options.noise,
         "pmu_filter_cycles": options.filter_cycles,
         "p0_pu": options.active_pu,
         "q0_pu": options.reactive_pu,
         "level_spread": options.level_spread,
         "composition_spread": options.composition_spread,
+        "events_showing_effect": showing,
         "events": events,
     })
+}
+
+/// What is in the data besides, so that naming it is right.
+fn also_present(site: &SyntheticSite) -> Vec<&'static str> {
+    let options = &site.options;
+    let hidden = |effect: Effect| options.effects.iter().any(|h| h.effect() == effect);
+    let mut present = Vec::new();
+    if options.filter_cycles > 0.0 && !hidden(Effect::PhasorWindow) {
+        present.push(Effect::PhasorWindow);
+    }
+    if options.motor.stator_resistance > 0.0 && !hidden(Effect::StatorResistance) {
+        present.push(Effect::StatorResistance);
+    }
+    let behind = options
+        .effects
+        .iter()
+        .find(|h| h.effect() == Effect::TapChanger);
+    if behind.is_some_and(|taps| taps.value("reactance_pu") > 0.0)
+        && !hidden(Effect::FeederImpedance)
+    {
+        present.push(Effect::FeederImpedance);
+    }
+    present.into_iter().map(Effect::name).collect()
+}
+
+/// Other names that describe the same data as well.
+fn equally_right(effects: &[HiddenEffect]) -> Vec<&'static str> {
+    let others = effects.iter().filter_map(|hidden| match hidden.effect() {
+        // What never returns has disconnected, and a block that disconnects has dropped out.
+        Effect::ElectronicLoadDropout if hidden.value("returning") < 0.05 => {
+            Some(Effect::SelfDisconnection)
+        }
+        Effect::SelfDisconnection if hidden.value("power_factor") > 0.97 => {
+            Some(Effect::ElectronicLoadDropout)
+        }
+        _ => None,
+    });
+    others.map(Effect::name).collect()
+}
+
+fn effect_parameters(effects: &[HiddenEffect]) -> Value {
+    let effects = effects.iter().map(|hidden| {
+        let values = hidden.values().map(|(declared, value)| {
+            let value = declared
+                .word(value)
+                .map_or_else(|| json!(value), |word| json!(word));
+            (declared.name.to_owned(), value)
+        });
+        (
+            hidden.effect().name().to_owned(),
+            Value::Object(values.collect()),
+        )
+    });
+    Value::Object(effects.collect())
+}
+
+fn terms(site: &SyntheticSite) -> Value {
+    let effects = estimator_terms(site).into_iter().map(|terms| {
+        let values = terms.values.into_iter();
+        let values = values.map(|(name, value)| (name.to_owned(), json!(value)));
+        (
+            terms.effect.name().to_owned(),
+            Value::Object(values.collect()),
+        )
+    });
+    Value::Object(effects.collect())
 }
 
 fn motor_circuit(motor: &MotorCircuit) -> Value {
@@ -194,6 +266,17 @@ fn event_document(index: usize, truth: &EventTruth) -> Value {
     let bad_samples = truth
         .bad_samples
         .map(|bad| json!({ "kind": bad.defect.name(), "first": bad.first, "rows": bad.count }));
+    let parts: Vec<_> = truth
+        .powers
+        .iter()
+        .map(|power| json!({ "n": power.part, "p": power.active_pu, "q": power.reactive_pu }))
+        .collect();
+    let operations: Vec<_> = truth
+        .operations
+        .iter()
+        .map(|o| json!({ "t": o.time_s, "part": o.part, "action": o.action }))
+        .collect();
+    let showing: Vec<_> = truth.showing.iter().map(|effect| effect.name()).collect();
     json!({
         "event": index + 1,
         "file": event_file(index),
@@ -210,6 +293,9 @@ fn event_document(index: usize, truth: &EventTruth) -> Value {
         "v_min": truth.lowest_voltage_pu,
         "f_min": truth.frequency_range_hz.0,
         "f_max": truth.frequency_range_hz.1,
+        "parts": parts,
+        "operations": operations,
+        "shows": showing,
         "bad_samples": bad_samples,
     })
 }
@@ -258,6 +344,35 @@ mod tests {
                 .contains("kpm")
         );
         assert_eq!(fs::read_dir(&written.folder).unwrap().count(), 3);
+    }
+
+    #[test]
+    fn the_truth_file_says_what_is_hidden_with_which_values_and_when_it_acts() {
+        let parent = tempfile::tempdir().unwrap();
+        let mut options = site("hidden-1").options;
+        options.events = 4;
+        let hidden = HiddenEffect::drawn(Effect::SelfDisconnection, 11);
+        let share = hidden.value("share");
+        let made = generate(&options.hiding(vec![hidden]), &mut |_| ()).unwrap();
+        let written = write(&made, parent.path()).unwrap();
+        let truth: Value =
+            serde_json::from_str(&fs::read_to_string(&written.truth).unwrap()).unwrap();
+        assert_eq!(truth["effects"], json!(["self_disconnection"]));
+        assert_eq!(truth["also_present"], json!(["phasor_window"]));
+        let hidden = &truth["parameters"]["effects"]["self_disconnection"];
+        assert!((hidden["share"].as_f64().unwrap() - share).abs() < 1e-12);
+        let showing = truth["events_showing_effect"].as_array().unwrap();
+        assert!((1..4).contains(&showing.len()), "{showing:?}");
+        let first = &truth["events"][0];
+        assert_eq!(first["shows"], json!(["self_disconnection"]));
+        assert_eq!(first["operations"][0]["action"], "drop");
+        let total: f64 = first["parts"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|part| part["p"].as_f64().unwrap())
+            .sum();
+        assert!((total - first["p0_pu"].as_f64().unwrap()).abs() < 1e-9);
     }
 
     #[test]

@@ -10,14 +10,18 @@ use serde_json::json;
 use crate::{
     adapters::synthetic::{self, SyntheticError, WrittenSite},
     measurement::Site,
-    truth::{self, MotorCircuit, SiteOptions, SyntheticSite, TruthError},
+    truth::{self, Effect, EventTruth, HiddenEffect, SiteOptions, SyntheticSite, TruthError},
 };
 
-/// Makes a synthetic site: network events, ZIP and induction motor, PMU filter, noise.
+/// Makes a synthetic site: network events, ZIP and induction motor, hidden effects, PMU filter, noise.
 ///
 /// Writes `DIR/SITE/` (site folder) and `DIR/SITE.truth.json` (what is hidden in it). The same
 /// options give the same files.
 #[derive(Clone, Debug, clap::Args)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "each is a switch of the command line"
+)]
 pub struct GenerateArgs {
     /// Name of the site.
     #[arg(long, default_value = "synthetic")]
@@ -28,15 +32,30 @@ pub struct GenerateArgs {
     /// Seed of every random number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Effects to hide in it, separated by commas; see --list-effects.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub effect: Vec<String>,
+    /// Gives a parameter of an effect instead of drawing it; may be repeated.
+    #[arg(long, value_name = "EFFECT.PARAMETER=VALUE")]
+    pub set: Vec<String>,
+    /// Chooses events that do not show the effects.
+    #[arg(long)]
+    pub unexcited: bool,
+    /// Prints every effect with its parameters and makes nothing.
+    #[arg(long)]
+    pub list_effects: bool,
+    /// Draws motors, grid, shares and operating point from the seed too.
+    #[arg(long)]
+    pub varied: bool,
     /// Number of events, 1 to 99.
     #[arg(long, default_value_t = 11)]
     pub events: usize,
     /// Frames per second, 10 to 240.
     #[arg(long, default_value_t = 60.0)]
     pub rate: f64,
-    /// Length of each window, 4 to 120 s.
-    #[arg(long, value_name = "SECONDS", default_value_t = 10.0)]
-    pub duration: f64,
+    /// Length of each window, 4 to 600 s; by default 10 s, or as long as the slowest effect needs.
+    #[arg(long, value_name = "SECONDS")]
+    pub duration: Option<f64>,
     /// Nominal frequency, Hz.
     #[arg(long, value_name = "HZ", default_value_t = 60.0)]
     pub nominal: f64,
@@ -46,6 +65,12 @@ pub struct GenerateArgs {
     /// Width of the PMU's phasor window in cycles, 0 for none.
     #[arg(long, value_name = "CYCLES", default_value_t = 2.0)]
     pub filter_cycles: f64,
+    /// Voltage that the deepest fault retains, 0.3 to 0.96 (dips for a threshold go where it lies).
+    #[arg(long, value_name = "PU", default_value_t = 0.50)]
+    pub deepest: f64,
+    /// Voltage that the mildest fault retains, 0.3 to 0.96.
+    #[arg(long, value_name = "PU", default_value_t = 0.92)]
+    pub mildest: f64,
     /// Range of the operating point from event to event, 0 to 0.5 (0.12 is +-12 %).
     #[arg(long, default_value_t = 0.12)]
     pub level_spread: f64,
@@ -61,29 +86,24 @@ pub struct GenerateArgs {
     /// Voltage base, kV.
     #[arg(long, value_name = "KV", default_value_t = 23.0)]
     pub base_kv: f64,
-    /// Mean active power of the load, pu.
-    #[arg(long, value_name = "PU", default_value_t = 0.9)]
-    pub active_power: f64,
-    /// Mean reactive power of the load, pu.
-    #[arg(
-        long,
-        value_name = "PU",
-        allow_negative_numbers = true,
-        default_value_t = 0.45
-    )]
-    pub reactive_power: f64,
-    /// Share of the active power that motors draw, 0 to 0.95.
-    #[arg(long, default_value_t = 0.45)]
-    pub motor_share: f64,
-    /// Inertia constant of the motors, s.
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.7)]
-    pub motor_inertia: f64,
-    /// Rotor resistance of the motors, pu of their rating.
-    #[arg(long, value_name = "PU", default_value_t = 0.018)]
-    pub rotor_resistance: f64,
-    /// Stator resistance of the motors, pu of their rating.
-    #[arg(long, value_name = "PU", default_value_t = 0.0)]
-    pub stator_resistance: f64,
+    /// Mean active power of the load, pu; 0.9 unless --varied.
+    #[arg(long, value_name = "PU")]
+    pub active_power: Option<f64>,
+    /// Mean reactive power of the load, pu; 0.45 unless --varied.
+    #[arg(long, value_name = "PU", allow_negative_numbers = true)]
+    pub reactive_power: Option<f64>,
+    /// Share of the active power that motors draw, 0 to 0.95; 0.45 or what effects leave.
+    #[arg(long)]
+    pub motor_share: Option<f64>,
+    /// Inertia constant of the motors, s; 0.7 unless --varied.
+    #[arg(long, value_name = "SECONDS")]
+    pub motor_inertia: Option<f64>,
+    /// Rotor resistance of the motors, pu of their rating; 0.018 unless --varied.
+    #[arg(long, value_name = "PU")]
+    pub rotor_resistance: Option<f64>,
+    /// Stator resistance of the motors, pu of their rating; 0 by default.
+    #[arg(long, value_name = "PU")]
+    pub stator_resistance: Option<f64>,
     /// Prints one JSON object instead of a table.
     #[arg(long)]
     pub json: bool,
@@ -96,6 +116,12 @@ pub enum GenerateError {
     /// The options or the simulation.
     #[error(transparent)]
     Truth(#[from] TruthError),
+    /// A `--set` that is none.
+    #[error("`--set {given}` must be EFFECT.PARAMETER=VALUE with an effect named by --effect")]
+    Setting {
+        /// What was given.
+        given: String,
+    },
     /// The files.
     #[error(transparent)]
     Files(#[from] SyntheticError),
@@ -110,9 +136,13 @@ pub enum GenerateError {
 ///
 /// See [`GenerateError`].
 pub fn run(args: &GenerateArgs, out: &mut dyn Write) -> Result<(), GenerateError> {
+    if args.list_effects {
+        return Ok(list_effects(out)?);
+    }
     synthetic::checked_name(&args.site)?;
+    let options = options(args)?;
     let progress = indicatif::ProgressBar::new(args.events as u64);
-    let made = truth::generate(&options(args), &mut |done| {
+    let made = truth::generate(&options, &mut |done| {
         progress.set_position(done as u64);
     });
     progress.finish_and_clear();
@@ -126,44 +156,101 @@ pub fn run(args: &GenerateArgs, out: &mut dyn Write) -> Result<(), GenerateError
     Ok(())
 }
 
-fn options(args: &GenerateArgs) -> SiteOptions {
+fn options(args: &GenerateArgs) -> Result<SiteOptions, GenerateError> {
     let site = Site {
         name: args.site.clone(),
         s_base_mva: args.base_mva,
         v_base_kv: args.base_kv,
         nominal_hz: args.nominal,
     };
-    SiteOptions {
+    let base = if args.varied {
+        SiteOptions::varied(site, args.seed)
+    } else {
+        SiteOptions::new(site, args.seed)
+    };
+    let mut options = SiteOptions {
         events: args.events,
         rate_fps: args.rate,
-        duration_s: args.duration,
         noise: args.noise,
         filter_cycles: args.filter_cycles,
-        active_pu: args.active_power,
-        reactive_pu: args.reactive_power,
+        retained: (args.deepest, args.mildest),
         level_spread: args.level_spread,
         composition_spread: args.composition_spread,
         bad_samples: !args.no_bad_samples,
-        motor_share: args.motor_share,
-        motor: MotorCircuit {
-            inertia_s: args.motor_inertia,
-            rotor_resistance: args.rotor_resistance,
-            stator_resistance: args.stator_resistance,
-            ..MotorCircuit::default()
-        },
-        ..SiteOptions::new(site, args.seed)
+        excited: !args.unexcited,
+        ..base.hiding(hidden_effects(args)?).leaving_room()
+    };
+    for (given, option) in [
+        (args.duration, &mut options.duration_s),
+        (args.active_power, &mut options.active_pu),
+        (args.reactive_power, &mut options.reactive_pu),
+        (args.motor_share, &mut options.motor_share),
+        (args.motor_inertia, &mut options.motor.inertia_s),
+        (args.rotor_resistance, &mut options.motor.rotor_resistance),
+        (args.stator_resistance, &mut options.motor.stator_resistance),
+    ] {
+        *option = given.unwrap_or(*option);
     }
+    Ok(options)
+}
+
+fn hidden_effects(args: &GenerateArgs) -> Result<Vec<HiddenEffect>, GenerateError> {
+    let mut hidden = Vec::new();
+    for name in &args.effect {
+        hidden.push(HiddenEffect::drawn(Effect::named(name)?, args.seed));
+    }
+    for given in &args.set {
+        let setting = given.split_once('=').and_then(|(path, value)| {
+            let (effect, parameter) = path.split_once('.')?;
+            Some((effect, parameter, value))
+        });
+        let found = setting.and_then(|(effect, parameter, value)| {
+            let hidden = hidden.iter_mut().find(|h| h.effect().name() == effect)?;
+            Some((hidden, parameter, value))
+        });
+        let (effect, parameter, value) = found.ok_or_else(|| GenerateError::Setting {
+            given: given.clone(),
+        })?;
+        effect.set(parameter, value)?;
+    }
+    Ok(hidden)
+}
+
+fn list_effects(out: &mut dyn Write) -> io::Result<()> {
+    for effect in Effect::ALL {
+        let kind = if effect.is_instrument() {
+            " (instrument)"
+        } else {
+            ""
+        };
+        writeln!(out, "{}{kind}", effect.name())?;
+        for parameter in effect.parameters() {
+            let (low, high) = parameter.typical;
+            let range = if parameter.choices.is_empty() {
+                let sign = if parameter.either_sign { "+-" } else { "" };
+                format!("{sign}{low} to {high}")
+            } else {
+                parameter.choices.join(" | ")
+            };
+            writeln!(
+                out,
+                "    {:<26} {:<22} {}",
+                parameter.name, range, parameter.meaning
+            )?;
+        }
+    }
+    Ok(())
 }
 
 fn print_table(site: &SyntheticSite, written: &WrittenSite, out: &mut dyn Write) -> io::Result<()> {
     writeln!(
         out,
-        "event  kind        lowest V  frequency, Hz     P0, pu  Q0, pu  Kpm    bad samples"
+        "event  kind        lowest V  frequency, Hz     P0, pu  Q0, pu  Kpm    bad samples      shows"
     )?;
     for (index, truth) in site.truth.iter().enumerate() {
         writeln!(
             out,
-            "{:>5}  {:<10}  {:>8.3}  {:>6.3} to {:>6.3}  {:>6.3}  {:>6.3}  {:.3}  {}",
+            "{:>5}  {:<10}  {:>8.3}  {:>6.3} to {:>6.3}  {:>6.3}  {:>6.3}  {:.3}  {:<15}  {}",
             index + 1,
             truth.plan.kind.name(),
             truth.lowest_voltage_pu,
@@ -173,7 +260,18 @@ fn print_table(site: &SyntheticSite, written: &WrittenSite, out: &mut dyn Write)
             truth.reactive_pu,
             truth.motor_share,
             truth.bad_samples.map_or("", |bad| bad.defect.name()),
+            shown(truth).join(" "),
         )?;
+    }
+    for hidden in &site.options.effects {
+        write!(out, "hidden: {}", hidden.effect().name())?;
+        for (parameter, value) in hidden.values() {
+            match parameter.word(value) {
+                Some(word) => write!(out, ", {} {word}", parameter.name)?,
+                None => write!(out, ", {} {value:.4}", parameter.name)?,
+            }
+        }
+        writeln!(out)?;
     }
     let motor = &site.motor;
     writeln!(
@@ -188,6 +286,10 @@ fn print_table(site: &SyntheticSite, written: &WrittenSite, out: &mut dyn Write)
     writeln!(out, "truth       {}", written.truth.display())
 }
 
+fn shown(truth: &EventTruth) -> Vec<&'static str> {
+    truth.showing.iter().map(|effect| effect.name()).collect()
+}
+
 fn document(site: &SyntheticSite, written: &WrittenSite) -> serde_json::Value {
     let events: Vec<_> = site
         .truth
@@ -197,15 +299,18 @@ fn document(site: &SyntheticSite, written: &WrittenSite) -> serde_json::Value {
                 "kind": truth.plan.kind.name(),
                 "lowest_voltage_pu": truth.lowest_voltage_pu,
                 "bad_samples": truth.bad_samples.map(|bad| bad.defect.name()),
+                "shows": shown(truth),
             })
         })
         .collect();
+    let hidden = site.options.effects.iter();
+    let effects: Vec<_> = hidden.map(|hidden| hidden.effect().name()).collect();
     json!({
         "site": site.options.site.name,
         "seed": site.options.seed,
         "folder": written.folder.display().to_string(),
         "truth": written.truth.display().to_string(),
-        "effects": [],
+        "effects": effects,
         "events": events,
     })
 }
@@ -250,8 +355,54 @@ mod tests {
     #[test]
     fn the_defaults_of_the_command_are_those_of_the_simulator() {
         let args = Program::try_parse_from(["generate"]).unwrap().args;
-        let made = options(&args);
+        let made = options(&args).unwrap();
         assert_eq!(made, SiteOptions::new(made.site.clone(), 1));
+    }
+
+    #[test]
+    fn effects_are_hidden_with_the_parameters_given() {
+        let place = tempfile::tempdir().unwrap();
+        let hiding = [
+            "--effect",
+            "self_disconnection,time_skew",
+            "--set",
+            "self_disconnection.share=0.15",
+            "--json",
+        ];
+        let mut out = Vec::new();
+        run(&args(&hiding, place.path()), &mut out).unwrap();
+        let document: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        assert_eq!(
+            document["effects"],
+            json!(["self_disconnection", "time_skew"])
+        );
+        let truth = std::fs::read_to_string(place.path().join("synthetic.truth.json")).unwrap();
+        let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+        let hidden = &truth["parameters"]["effects"]["self_disconnection"];
+        assert_eq!(hidden["share"], 0.15);
+    }
+
+    #[test]
+    fn a_setting_without_its_effect_is_refused_by_name() {
+        let place = tempfile::tempdir().unwrap();
+        let wrong = args(&["--set", "tap_changer.step=0.01"], place.path());
+        let error = run(&wrong, &mut Vec::new()).unwrap_err().to_string();
+        assert!(error.contains("`--set tap_changer.step=0.01`"), "{error}");
+        let unknown = args(&["--effect", "gremlins"], place.path());
+        let error = run(&unknown, &mut Vec::new()).unwrap_err().to_string();
+        assert!(error.contains("no effect is called `gremlins`"), "{error}");
+    }
+
+    #[test]
+    fn every_effect_is_listed_with_its_parameters() {
+        let place = tempfile::tempdir().unwrap();
+        let mut out = Vec::new();
+        run(&args(&["--list-effects"], place.path()), &mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        for effect in Effect::ALL {
+            assert!(text.contains(effect.name()));
+        }
+        assert!(text.contains("momentary_cessation | trip | ride_through"));
     }
 
     #[test]

@@ -5,31 +5,46 @@
 //! other: motors are circuits with rotor flux linkages in polar form (the estimator: transient
 //! voltage in Cartesian form), integrated by Dormand and Prince's adaptive method (the estimator:
 //! fixed-step Runge-Kutta), with a voltage that the load itself pulls down (the estimator: measured
-//! voltage). Relays scan the terminal voltage on a fixed raster, as digital relays do.
+//! voltage). Relays are discrete, with definite times; their instants are found inside the
+//! integrator's steps (the estimator: smooth timers).
 //!
 //! Frame: every phasor turns with nominal frequency; per unit on the site's load base; consumption
 //! positive.
 
 mod bad_samples;
+mod compose;
+mod effect;
+mod effect_parameters;
+mod excitation;
 mod integrator;
 mod load;
-mod motor;
 mod network;
+mod options;
+mod parts;
 mod plan;
 mod pmu;
 mod random;
+mod relay;
 mod simulation;
 mod site;
-mod static_load;
+mod solution;
+mod study;
+mod tap_changer;
+mod terms;
 
 pub use bad_samples::{BadSamples, Defect};
+pub use compose::PartPower;
+pub use effect::{Effect, EffectParameter, HiddenEffect};
 pub use integrator::IntegratorOptions;
-pub use motor::{LoadBaseParameters, MotorCircuit};
+pub use load::Operation;
 pub use network::Network;
+pub use options::SiteOptions;
+pub use parts::{LoadBaseParameters, MotorCircuit, Zip};
 pub use plan::{EventKind, EventPlan};
 pub use random::Random;
-pub use site::{EventTruth, SiteOptions, SyntheticSite, generate};
-pub use static_load::Zip;
+pub use site::{EventTruth, SyntheticSite, generate};
+pub use study::{StudyShape, study_site, study_sites};
+pub use terms::{EffectTerms, estimator_terms};
 
 /// A phasor, or a power, per unit.
 pub type Phasor = nalgebra::Complex<f64>;
@@ -47,6 +62,54 @@ pub enum TruthError {
         given: f64,
         /// What is required.
         required: &'static str,
+    },
+    /// No effect of that name.
+    #[error("no effect is called `{name}`; see `loadmodeld generate --list-effects`")]
+    UnknownEffect {
+        /// The name.
+        name: String,
+    },
+    /// An effect has no such parameter.
+    #[error("{effect} has no parameter `{parameter}`; it has {known}")]
+    UnknownParameter {
+        /// The effect.
+        effect: &'static str,
+        /// The parameter.
+        parameter: String,
+        /// Those that it has.
+        known: String,
+    },
+    /// A parameter of an effect lies outside its range.
+    #[error("{effect}.{parameter} must be {required}, got {given}")]
+    ParameterOutOfRange {
+        /// The effect.
+        effect: &'static str,
+        /// The parameter.
+        parameter: &'static str,
+        /// What was given.
+        given: String,
+        /// What is required.
+        required: String,
+    },
+    /// An effect is asked for twice.
+    #[error("{effect} is asked for twice")]
+    EffectTwice {
+        /// The effect.
+        effect: &'static str,
+    },
+    /// Effects and motors take more than there is.
+    #[error("nothing is left for {of}: the others take all but {left} of it")]
+    NothingLeft {
+        /// What gets nothing.
+        of: &'static str,
+        /// Share that is left.
+        left: f64,
+    },
+    /// Relays set each other off without end.
+    #[error("relays set each other off without end at {time_s} s")]
+    EndlessCascade {
+        /// When, seconds from the start of the window.
+        time_s: f64,
     },
     /// A motor cannot carry its load at the voltage before the event.
     #[error(

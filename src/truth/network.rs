@@ -88,6 +88,10 @@ pub(super) struct Grid {
     line_impedance_factor: f64,
     fault: Phasor,
     capacitor: Phasor,
+    /// Of the sources; kept because every step of a simulation needs them many times.
+    admittances: [Phasor; 2],
+    /// Inverse of everything connected to the bus.
+    behind_bus: Phasor,
 }
 
 impl Grid {
@@ -108,7 +112,10 @@ impl Grid {
             line_impedance_factor: 1.0,
             fault: nothing,
             capacitor: nothing,
+            admittances: [nothing; 2],
+            behind_bus: nothing,
         };
+        grid.invert();
         let bus = voltage + Phasor::new(0.0, constants.transformer_reactance) * current;
         let shares = [constants.local_share, 1.0 - constants.local_share];
         for (machine, share) in shares.into_iter().enumerate() {
@@ -137,16 +144,21 @@ impl Grid {
                 machines[5] += change;
             }
         }
+        self.invert();
+    }
+
+    fn invert(&mut self) {
+        self.admittances = self.source_impedances().map(|z| z.inv());
+        let total = self.admittances[0] + self.admittances[1] + self.fault + self.capacitor;
+        self.behind_bus = total.inv();
     }
 
     /// The voltage the load terminals have without load current, and the impedance behind it.
     pub(super) fn seen_from_load(&self, machines: &[f64]) -> (Phasor, Phasor) {
-        let admittances = self.source_impedances().map(|z| z.inv());
-        let sources = self.sources(machines);
-        let total = admittances[0] + admittances[1] + self.fault + self.capacitor;
-        let open = (admittances[0] * sources[0] + admittances[1] * sources[1]) / total;
+        let (admittances, sources) = (&self.admittances, self.sources(machines));
+        let short = admittances[0] * sources[0] + admittances[1] * sources[1];
         let reactance = Phasor::new(0.0, self.constants.transformer_reactance);
-        (open, total.inv() + reactance)
+        (short * self.behind_bus, self.behind_bus + reactance)
     }
 
     /// Rates of change of the machines' states, per second.
@@ -178,8 +190,8 @@ impl Grid {
         current: Phasor,
     ) -> [f64; 2] {
         let bus = self.bus_voltage(voltage, current);
-        let (sources, impedances) = (self.sources(machines), self.source_impedances());
-        [0, 1].map(|k| (sources[k] * ((sources[k] - bus) / impedances[k]).conj()).re)
+        let (sources, admittances) = (self.sources(machines), &self.admittances);
+        [0, 1].map(|k| (sources[k] * ((sources[k] - bus) * admittances[k]).conj()).re)
     }
 
     pub(super) fn bus_voltage(&self, voltage: Phasor, current: Phasor) -> Phasor {
@@ -199,6 +211,7 @@ impl Grid {
         let kept = |susceptance: f64| {
             let mut faulted = *self;
             faulted.fault = Phasor::new(0.0, -susceptance);
+            faulted.invert();
             let (open, behind) = faulted.seen_from_load(machines);
             (open * load / (load + behind)).norm() / voltage.norm()
         };

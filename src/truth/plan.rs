@@ -1,7 +1,8 @@
 //! What happens in the grid: kinds of events, how severe, when.
 
 use super::{
-    Phasor, Random,
+    Effect, Phasor, Random,
+    excitation::{Excitation, Threshold},
     network::{Action, Grid},
     simulation::Switching,
 };
@@ -30,7 +31,7 @@ pub enum EventKind {
 impl EventKind {
     /// In this order kinds follow each other: any four events hold a fault and something else, any
     /// eleven hold everything.
-    const SEQUENCE: [Self; 11] = [
+    pub(super) const SEQUENCE: [Self; 11] = [
         Self::Fault,
         Self::FaultAndLineTrip,
         Self::GeneratorTrip,
@@ -84,32 +85,90 @@ pub struct EventPlan {
     pub reclose_s: f64,
     /// How much is switched: factor of the line's impedance, pu power or pu susceptance.
     pub amount: f64,
+    /// The effect whose threshold the dip is for, and whether it shall go beyond it.
+    pub target: Option<(Effect, bool)>,
 }
 
-/// Retained voltage of the deepest and of the mildest fault.
-const RETAINED: (f64, f64) = (0.50, 0.92);
+/// Retained voltage of the deepest and of the mildest fault where nothing else is asked for.
+pub(super) const RETAINED: (f64, f64) = (0.50, 0.92);
+/// The same where effects must not show.
+const RETAINED_MILD: (f64, f64) = (0.91, 0.96);
+/// Deepest and mildest fault of all.
+const RETAINED_LIMITS: (f64, f64) = (0.3, 0.96);
 
 impl EventPlan {
-    /// Plans for `count` events; depths of faults are spread evenly and then mixed.
-    pub(super) fn draw(count: usize, random: &mut Random) -> Vec<Self> {
-        let sequence = EventKind::SEQUENCE.iter().cycle().take(count).copied();
-        let kinds: Vec<_> = sequence.collect();
+    /// Plans for `count` events with faults between `retained` (deepest and mildest).
+    pub(super) fn draw(
+        count: usize,
+        retained: (f64, f64),
+        excitation: &Excitation,
+        random: &mut Random,
+    ) -> Vec<Self> {
+        let kinds: Vec<_> = (0..count).map(|index| excitation.kind(index)).collect();
         let faults = kinds.iter().filter(|kind| kind.is_fault()).count();
+        let (deepest, mildest) = if excitation.mild_only() {
+            RETAINED_MILD
+        } else {
+            retained
+        };
         let mut depths: Vec<_> = (0..faults)
             .map(|k| {
                 let share = (k as f64 + random.uniform()) / faults as f64;
-                RETAINED.0 + share * (RETAINED.1 - RETAINED.0)
+                deepest + share * (mildest - deepest)
             })
             .collect();
         random.shuffle(&mut depths);
-        let mut depths = depths.into_iter();
-        kinds
-            .into_iter()
-            .map(|kind| {
-                let depth = if kind.is_fault() { depths.next() } else { None };
-                Self::drawn(kind, depth.unwrap_or(1.0), random)
-            })
-            .collect()
+        let mut depths = depths.into_iter().enumerate();
+        let mut plans = Vec::with_capacity(count);
+        for kind in kinds {
+            let fault = if kind.is_fault() { depths.next() } else { None };
+            let (number, depth) = fault.unwrap_or((0, 1.0));
+            let mut plan = Self::drawn(kind, depth, random);
+            if let Some((threshold, beyond)) = excitation.target(number)
+                && kind.is_fault()
+            {
+                plan.aim(threshold, beyond, random);
+            }
+            plans.push(plan);
+        }
+        plans
+    }
+
+    /// Puts the depth of a fault on one side of `threshold`.
+    fn aim(&mut self, threshold: Threshold, beyond: bool, random: &mut Random) {
+        let retained = if beyond {
+            threshold.well_below_pu - random.between(0.03, 0.14)
+        } else {
+            threshold.first_pu + random.between(0.07, 0.20)
+        };
+        self.retained = retained.clamp(RETAINED_LIMITS.0, RETAINED_LIMITS.1);
+        let can_act = !threshold.second_dip || self.kind == EventKind::DoubleFault;
+        self.target = can_act.then_some((threshold.effect, beyond));
+        self.cycles = (5 + random.below(1 + depth_allowance(self.retained))) as f64;
+    }
+
+    /// Goes deeper or milder where what the load did (`acted`) has missed the aim; whether it does.
+    pub(super) fn correct(&mut self, acted: bool, step: f64) -> bool {
+        let Some((_, beyond)) = self.target else {
+            return false;
+        };
+        if acted == beyond {
+            return false;
+        }
+        let wanted = self.retained + if beyond { -step } else { step };
+        let (deepest, mildest) = RETAINED_LIMITS;
+        if !(deepest..=mildest).contains(&wanted) {
+            return false;
+        }
+        self.retained = wanted;
+        true
+    }
+
+    /// Makes the fault last at least `lasting_s` and three cycles more.
+    pub(super) fn outlast(&mut self, lasting_s: f64, nominal_hz: f64) {
+        if self.kind.is_fault() {
+            self.cycles = self.cycles.max((lasting_s * nominal_hz).ceil() + 3.0);
+        }
     }
 
     fn drawn(kind: EventKind, retained: f64, random: &mut Random) -> Self {
@@ -134,6 +193,7 @@ impl EventPlan {
             },
             reclose_s: random.between(0.5, 1.2),
             amount,
+            target: None,
         }
     }
 
@@ -193,10 +253,44 @@ fn depth_allowance(retained: f64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::truth::HiddenEffect;
+
+    fn plain(count: usize, random: &mut Random) -> Vec<EventPlan> {
+        EventPlan::draw(count, RETAINED, &Excitation::of(&[], true), random)
+    }
+
+    #[test]
+    fn dips_lie_on_both_sides_of_a_threshold_or_all_above_it() {
+        let hidden = HiddenEffect::drawn(Effect::SelfDisconnection, 2);
+        let level = hidden.value("threshold_pu");
+        let hidden = [hidden];
+        let depths = |wanted| {
+            let excitation = Excitation::of(&hidden, wanted);
+            let plans = EventPlan::draw(11, RETAINED, &excitation, &mut Random::new(8));
+            let faults = plans.into_iter().filter(|plan| plan.kind.is_fault());
+            faults.map(|plan| plan.retained).collect::<Vec<_>>()
+        };
+        let below = depths(true).iter().filter(|d| **d < level).count();
+        let above = depths(true).iter().filter(|d| **d > level).count();
+        assert!(below >= 4 && above >= 2, "{below} {above}");
+        assert!(depths(false).iter().all(|d| *d > level + 0.06));
+    }
+
+    #[test]
+    fn a_missed_aim_is_corrected_towards_it_and_only_so_far() {
+        let mut plan = plain(1, &mut Random::new(1))[0];
+        assert!(!plan.correct(true, 0.05), "no aim, nothing to correct");
+        plan.target = Some((Effect::SelfDisconnection, true));
+        plan.retained = 0.5;
+        assert!(!plan.correct(true, 0.05));
+        assert!(plan.correct(false, 0.05) && (plan.retained - 0.45).abs() < 1e-12);
+        plan.retained = 0.31;
+        assert!(!plan.correct(false, 0.05));
+    }
 
     #[test]
     fn eleven_events_hold_every_kind_and_depths_from_mild_to_deep() {
-        let plans = EventPlan::draw(11, &mut Random::new(4));
+        let plans = plain(11, &mut Random::new(4));
         for kind in EventKind::SEQUENCE {
             assert!(plans.iter().any(|plan| plan.kind == kind), "{kind:?}");
         }
@@ -212,7 +306,7 @@ mod tests {
     #[test]
     fn deep_faults_are_short() {
         let mut random = Random::new(9);
-        for plan in EventPlan::draw(300, &mut random) {
+        for plan in plain(300, &mut random) {
             if plan.retained < 0.53 {
                 assert!(plan.cycles <= 5.0, "{plan:?}");
             }

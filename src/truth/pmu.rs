@@ -21,6 +21,14 @@ pub(super) struct Pmu {
     pub(super) filter_cycles: f64,
     /// Standard deviation of either component of V and of I, relative to their magnitudes.
     pub(super) noise: f64,
+    /// By how much the powers are late against the voltage, s.
+    pub(super) skew_s: f64,
+    /// Angle by which the current is measured too far ahead, rad.
+    pub(super) angle_error_rad: f64,
+    /// Cycles to either side over which the angle is differenced for the frequency.
+    pub(super) frequency_span_cycles: f64,
+    /// Lag of the frequency estimate, s; 0 for none.
+    pub(super) frequency_lag_s: f64,
 }
 
 /// Standard deviation of the frequency over the relative noise of the phasors, Hz: chosen so that
@@ -28,9 +36,24 @@ pub(super) struct Pmu {
 const FREQUENCY_NOISE_HZ: f64 = 1.5;
 
 impl Pmu {
+    /// A PMU without faults of its own.
+    pub(super) fn sound(rate_fps: f64, nominal_hz: f64, filter_cycles: f64, noise: f64) -> Self {
+        Self {
+            rate_fps,
+            nominal_hz,
+            filter_cycles,
+            noise,
+            skew_s: 0.0,
+            angle_error_rad: 0.0,
+            frequency_span_cycles: 1.0,
+            frequency_lag_s: 0.0,
+        }
+    }
+
     /// Time by which a run must go on after the last report, seconds.
     pub(super) fn margin_s(&self) -> f64 {
-        (1.0 + 0.5 * self.filter_cycles) / self.nominal_hz
+        let cycles = self.frequency_span_cycles.max(1.0) + 0.5 * self.filter_cycles;
+        cycles / self.nominal_hz + self.skew_s.abs()
     }
 
     /// The record of `count` reports from 0 s on.
@@ -47,33 +70,42 @@ impl Pmu {
             nominal_hz: self.nominal_hz,
             samples: Vec::with_capacity(count),
         };
+        let kept = if self.frequency_lag_s > 0.0 {
+            (-1.0 / (self.rate_fps * self.frequency_lag_s)).exp()
+        } else {
+            0.0
+        };
+        let mut frequency_hz = self.frequency_hz(nodes, 0.0);
         for index in 0..count {
             let time_ns = record.time_ns(index);
             let time_s = index as f64 / self.rate_fps;
-            record
-                .samples
-                .push(self.sample(nodes, time_s, time_ns, random));
+            frequency_hz += (1.0 - kept) * (self.frequency_hz(nodes, time_s) - frequency_hz);
+            let mut sample = self.phasors(nodes, time_s, time_ns, random);
+            let frequency_noise_hz = FREQUENCY_NOISE_HZ * self.noise * random.normal();
+            sample.frequency_hz = frequency_hz + frequency_noise_hz;
+            record.samples.push(sample);
         }
         record
     }
 
-    fn sample(&self, nodes: &[Node], time_s: f64, time_ns: i64, random: &mut Random) -> Sample {
-        let (voltage, current) = self.window(nodes, time_s);
-        let mut noisy = |phasor: Phasor| {
-            phasor
-                * Phasor::new(
-                    1.0 + self.noise * random.normal(),
-                    self.noise * random.normal(),
-                )
+    /// The sample but for its frequency.
+    fn phasors(&self, nodes: &[Node], time_s: f64, time_ns: i64, random: &mut Random) -> Sample {
+        let mut noise = || {
+            Phasor::new(
+                1.0 + self.noise * random.normal(),
+                self.noise * random.normal(),
+            )
         };
-        let (voltage, current) = (noisy(voltage), noisy(current));
-        let power = voltage * current.conj();
-        let frequency_noise_hz = FREQUENCY_NOISE_HZ * self.noise * random.normal();
+        let (voltage_noise, current_noise) = (noise(), noise());
+        let voltage = self.window(nodes, time_s).0 * voltage_noise;
+        let (then, current) = self.window(nodes, time_s - self.skew_s);
+        let turned = Phasor::from_polar(1.0, self.angle_error_rad);
+        let power = then * voltage_noise * (current * current_noise * turned).conj();
         Sample {
             time_ns,
             voltage_pu: voltage.norm(),
             angle_rad: voltage.arg(),
-            frequency_hz: self.frequency_hz(nodes, time_s) + frequency_noise_hz,
+            frequency_hz: f64::NAN,
             active_pu: power.re,
             reactive_pu: power.im,
             negative_sequence_ratio: f64::NAN,
@@ -81,13 +113,13 @@ impl Pmu {
         }
     }
 
-    /// Nominal frequency plus the change of the angle from one cycle before to one cycle after.
+    /// Nominal frequency plus the change of the angle across the span.
     fn frequency_hz(&self, nodes: &[Node], time_s: f64) -> f64 {
-        let cycle_s = 1.0 / self.nominal_hz;
-        let (before, _) = self.window(nodes, time_s - cycle_s);
-        let (after, _) = self.window(nodes, time_s + cycle_s);
+        let span_s = self.frequency_span_cycles / self.nominal_hz;
+        let (before, _) = self.window(nodes, time_s - span_s);
+        let (after, _) = self.window(nodes, time_s + span_s);
         let turned = (after * before.conj()).arg();
-        self.nominal_hz + turned / (2.0 * PI * 2.0 * cycle_s)
+        self.nominal_hz + turned / (2.0 * PI * 2.0 * span_s)
     }
 
     /// V and I as the window sees them; before the first node and after the last they stand still.
@@ -188,12 +220,7 @@ mod tests {
     use super::*;
 
     fn pmu(filter_cycles: f64) -> Pmu {
-        Pmu {
-            rate_fps: 60.0,
-            nominal_hz: 60.0,
-            filter_cycles,
-            noise: 0.0,
-        }
+        Pmu::sound(60.0, 60.0, filter_cycles, 0.0)
     }
 
     /// Voltage 1 before 0.5 s and 0.6 after it, a jump with two nodes.

@@ -1,18 +1,26 @@
-//! Load and network together, from switching to switching.
+//! Load and network together, from switching to switching and from one relay's instant to the next.
 
 use super::{
     IntegratorOptions, Phasor, TruthError,
     integrator::Integrator,
-    load::Load,
+    load::{Load, Operation, Terminal},
     network::{Action, Grid, MACHINE_STATES},
+    solution::{Solution, Solver},
 };
 
-/// Distance of the nodes, which is also the raster on which relays look at the voltage, seconds.
-/// Between nodes phasors are taken as straight lines: with swings of 10 rad/s and transients of
-/// 10 ms that is wrong by less than 1e-5 pu.
+/// Least distance of the nodes, seconds. Between nodes phasors are taken as straight lines: with swings of
+/// 10 rad/s and transients of 10 ms that is wrong by about 1e-5 pu.
 pub(super) const NODE_STEP_S: f64 = 1e-3;
+/// Nodes closer than this are the same, seconds.
+const SAME_RASTER_S: f64 = 1e-9;
+/// An instant is located to this width, seconds.
+const LOCATED_S: f64 = 1e-9;
+/// Instants closer than this are the same, seconds.
+const SAME_INSTANT_S: f64 = 1e-12;
+/// Most relays that may follow each other at one instant.
+const CASCADE_MAX: usize = 500;
 
-/// Terminal voltage and load current at an instant. A switching leaves two nodes at one instant.
+/// Measured voltage and current at an instant. A switching leaves two nodes at one instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Node {
     pub(super) time_s: f64,
@@ -33,21 +41,28 @@ pub(super) struct Simulation {
     pub(super) load: Load,
     /// Machines first, then the load's parts.
     pub(super) state: Vec<f64>,
-    /// Last voltage solved, from which the next solution starts.
-    voltage: Phasor,
+    /// What relays and controllers did.
+    pub(super) log: Vec<Operation>,
+    solver: Solver,
     options: IntegratorOptions,
 }
 
 impl Simulation {
-    /// A grid and a load that fit each other at `voltage`, at rest.
-    pub(super) fn new(grid: Grid, load: Load, voltage: Phasor, options: IntegratorOptions) -> Self {
+    /// A grid and a load that fit each other, at rest; `terminal` is the voltage at the load itself.
+    pub(super) fn new(
+        grid: Grid,
+        load: Load,
+        terminal: Phasor,
+        options: IntegratorOptions,
+    ) -> Self {
         let mut state = grid.initial_state().to_vec();
         state.extend(load.initial_state());
         Self {
             grid,
             load,
             state,
-            voltage,
+            log: Vec::new(),
+            solver: Solver::starting_from(terminal),
             options,
         }
     }
@@ -56,7 +71,8 @@ impl Simulation {
     ///
     /// # Errors
     ///
-    /// [`TruthError::NoNetworkSolution`] and [`TruthError::StepTooSmall`].
+    /// [`TruthError::NoNetworkSolution`], [`TruthError::StepTooSmall`] and
+    /// [`TruthError::EndlessCascade`].
     pub(super) fn run(
         &mut self,
         end_s: f64,
@@ -64,128 +80,191 @@ impl Simulation {
     ) -> Result<Vec<Node>, TruthError> {
         let mut integrator = Integrator::new(self.options, self.state.len());
         let mut pending = switchings.iter().peekable();
-        let mut nodes = vec![self.node(0.0)?];
         let mut time_s = 0.0;
+        let (node, mut watch) = self.observe(time_s)?;
+        let mut nodes = vec![node];
         while time_s < end_s {
-            let raster = raster_after(time_s).min(end_s);
-            let next_s = pending.peek().map_or(raster, |s| s.time_s.min(raster));
-            self.advance(&mut integrator, time_s, next_s)?;
-            time_s = next_s;
-            let node = self.node(time_s)?;
-            nodes.push(node);
-            let mut switched = self.load.scan(time_s, node.voltage.norm());
-            while let Some(switching) = pending.next_if(|s| s.time_s <= time_s) {
-                let (machines, _) = self.state.split_at_mut(MACHINE_STATES);
-                self.grid.switch(switching.action, machines);
-                switched = true;
+            let switching_s = pending.peek().map_or(end_s, |s| s.time_s);
+            let limit_s = switching_s.min(self.load.timer_s()).min(end_s);
+            let mut called = true;
+            if limit_s > time_s + SAME_INSTANT_S {
+                let reached_s = self.step(&mut integrator, (time_s, limit_s))?;
+                (time_s, called) =
+                    self.follow(&integrator, (time_s, reached_s), &mut watch, &mut nodes)?;
+                called |= time_s >= limit_s;
+                if called && nodes.last().is_none_or(|node| node.time_s < time_s) {
+                    nodes.push(self.observe(time_s)?.0);
+                }
             }
-            if switched {
-                nodes.push(self.node(time_s)?);
+            if called {
+                let mut jumped = false;
+                while let Some(switching) = pending.next_if(|s| s.time_s <= time_s + SAME_INSTANT_S)
+                {
+                    let (machines, _) = self.state.split_at_mut(MACHINE_STATES);
+                    self.grid.switch(switching.action, machines);
+                    jumped = true;
+                }
+                jumped |= self.let_relays_react(time_s)?;
+                if jumped {
+                    integrator.restart();
+                    nodes.push(self.observe(time_s)?.0);
+                }
+                watch = self.observe(time_s)?.1;
             }
         }
         Ok(nodes)
     }
 
-    fn advance(
-        &mut self,
-        integrator: &mut Integrator,
-        from_s: f64,
-        to_s: f64,
-    ) -> Result<(), TruthError> {
+    /// One step of the integrator; `state` stays at its beginning.
+    fn step(&mut self, integrator: &mut Integrator, span_s: (f64, f64)) -> Result<f64, TruthError> {
         let Self {
             grid,
             load,
             state,
-            voltage,
+            solver,
             ..
         } = self;
-        integrator.advance((from_s, to_s), state, &mut |time_s, state, slope| {
+        integrator.step(span_s, state, &mut |time_s, state, slope| {
             let (machines, parts) = state.split_at(MACHINE_STATES);
-            let (terminal, current) = solve(grid, load, state, *voltage, time_s)?;
-            *voltage = terminal;
+            let found = solver.solve(grid, load, state, time_s)?;
             let (machine_slope, part_slope) = slope.split_at_mut(MACHINE_STATES);
-            grid.derivatives(machines, terminal, current, machine_slope);
+            grid.derivatives(machines, found.voltage, found.current, machine_slope);
+            let terminal = Terminal {
+                time_s,
+                voltage: found.terminal,
+            };
             load.derivatives(terminal, parts, part_slope);
             Ok(())
         })
     }
 
-    fn node(&mut self, time_s: f64) -> Result<Node, TruthError> {
-        let (voltage, current) = solve(&self.grid, &self.load, &self.state, self.voltage, time_s)?;
-        self.voltage = voltage;
-        Ok(Node {
+    /// Goes through the step just taken, leaving nodes on the raster, up to its end or to the first instant at
+    /// which a guard changed its sign; that instant, and whether it was a guard.
+    fn follow(
+        &mut self,
+        integrator: &Integrator,
+        (from_s, to_s): (f64, f64),
+        watch: &mut Vec<f64>,
+        nodes: &mut Vec<Node>,
+    ) -> Result<(f64, bool), TruthError> {
+        let spacing = self.options.nodes_every(to_s - from_s);
+        let mut time_s = from_s;
+        while time_s < to_s {
+            let raster_s = raster_after(time_s, spacing);
+            let next_s = raster_s.min(to_s);
+            self.place(integrator, from_s, next_s, to_s);
+            let (node, guards) = self.observe(next_s)?;
+            if changed(watch, &guards) {
+                let found_s = self.locate(integrator, (from_s, to_s), (time_s, next_s), watch)?;
+                return Ok((found_s, true));
+            }
+            *watch = guards;
+            if raster_s - next_s < SAME_RASTER_S {
+                nodes.push(node);
+            }
+            time_s = next_s;
+        }
+        Ok((to_s, false))
+    }
+
+    /// Sets the state to that of the last step at `time_s`.
+    fn place(&mut self, integrator: &Integrator, from_s: f64, time_s: f64, to_s: f64) {
+        if time_s >= to_s {
+            self.state.copy_from_slice(integrator.reached());
+        } else {
+            integrator.inside(time_s - from_s, &mut self.state);
+        }
+    }
+
+    /// The first instant after a guard's change of sign between `left_s` and `right_s`, by
+    /// bisection; leaves the state there.
+    fn locate(
+        &mut self,
+        integrator: &Integrator,
+        (from_s, to_s): (f64, f64),
+        (mut left_s, mut right_s): (f64, f64),
+        watch: &[f64],
+    ) -> Result<f64, TruthError> {
+        while right_s - left_s > LOCATED_S {
+            let middle_s = 0.5 * (left_s + right_s);
+            self.place(integrator, from_s, middle_s, to_s);
+            if changed(watch, &self.observe(middle_s)?.1) {
+                right_s = middle_s;
+            } else {
+                left_s = middle_s;
+            }
+        }
+        self.place(integrator, from_s, right_s, to_s);
+        Ok(right_s)
+    }
+
+    /// Lets relays look until none of them moves the voltage any more; whether one did.
+    fn let_relays_react(&mut self, time_s: f64) -> Result<bool, TruthError> {
+        let before = self.log.len();
+        for _ in 0..CASCADE_MAX {
+            let found = self.solve(time_s)?;
+            let known = self.log.len();
+            let terminal = Terminal {
+                time_s,
+                voltage: found.terminal,
+            };
+            let (_, parts) = self.state.split_at(MACHINE_STATES);
+            self.load.react(terminal, parts, &mut self.log);
+            if self.log.len() == known {
+                // A timer that stays due would hold the clock for ever.
+                if self.load.timer_s() <= time_s + SAME_INSTANT_S {
+                    break;
+                }
+                return Ok(known > before);
+            }
+        }
+        Err(TruthError::EndlessCascade { time_s })
+    }
+
+    fn solve(&mut self, time_s: f64) -> Result<Solution, TruthError> {
+        self.solver
+            .solve(&self.grid, &self.load, &self.state, time_s)
+    }
+
+    /// What is measured, and the guards of all relays.
+    fn observe(&mut self, time_s: f64) -> Result<(Node, Vec<f64>), TruthError> {
+        let found = self.solve(time_s)?;
+        let (_, parts) = self.state.split_at(MACHINE_STATES);
+        let mut guards = Vec::new();
+        let terminal = Terminal {
             time_s,
-            voltage,
-            current,
-        })
+            voltage: found.terminal,
+        };
+        self.load.guards(terminal, parts, &mut guards);
+        let node = Node {
+            time_s,
+            voltage: found.voltage,
+            current: found.current,
+        };
+        Ok((node, guards))
     }
 }
 
-/// The first instant of the raster after `time_s`; never one so close that it is the same.
-fn raster_after(time_s: f64) -> f64 {
-    let number = (time_s / NODE_STEP_S + 1e-6).floor() + 1.0;
-    number * NODE_STEP_S
+fn changed(before: &[f64], after: &[f64]) -> bool {
+    let pairs = before.iter().zip(after);
+    pairs.into_iter().any(|(a, b)| (*a < 0.0) != (*b < 0.0))
 }
 
-/// Terminal voltage and load current that fit grid and load: Newton's method on
-/// `V - V_open + Z I(V) = 0` with a Jacobian from differences.
-fn solve(
-    grid: &Grid,
-    load: &Load,
-    state: &[f64],
-    start: Phasor,
-    time_s: f64,
-) -> Result<(Phasor, Phasor), TruthError> {
-    const MISMATCH_MAX_PU: f64 = 1e-12;
-    const ITERATIONS_MAX: usize = 60;
-    const DIFFERENCE_PU: f64 = 1e-7;
-    let (machines, parts) = state.split_at(MACHINE_STATES);
-    let (open, behind) = grid.seen_from_load(machines);
-    let mismatch = |voltage: Phasor| voltage - open + behind * load.current(voltage, parts);
-    let mut voltage = start;
-    let mut left = mismatch(voltage);
-    for _ in 0..ITERATIONS_MAX {
-        if left.norm() <= MISMATCH_MAX_PU {
-            return Ok((voltage, load.current(voltage, parts)));
-        }
-        let along_re = (mismatch(voltage + DIFFERENCE_PU) - left) / DIFFERENCE_PU;
-        let along_im = (mismatch(voltage + Phasor::new(0.0, DIFFERENCE_PU)) - left) / DIFFERENCE_PU;
-        let determinant = along_re.re * along_im.im - along_im.re * along_re.im;
-        let step = Phasor::new(
-            (left.re * along_im.im - along_im.re * left.im) / determinant,
-            (along_re.re * left.im - left.re * along_re.im) / determinant,
-        );
-        (voltage, left) = damped(voltage, step, left.norm(), &mismatch);
-    }
-    Err(TruthError::NoNetworkSolution {
-        time_s,
-        mismatch_pu: left.norm(),
-    })
-}
-
-/// The point along Newton's step, halved until the mismatch falls, and its mismatch.
-fn damped(
-    voltage: Phasor,
-    step: Phasor,
-    mismatch_before: f64,
-    mismatch: &impl Fn(Phasor) -> Phasor,
-) -> (Phasor, Phasor) {
-    let mut factor = 1.0;
-    loop {
-        let next = voltage - step * factor;
-        let left = mismatch(next);
-        if left.norm() < mismatch_before || factor < 1e-3 {
-            return (next, left);
-        }
-        factor *= 0.5;
-    }
+/// The first instant of the raster of `spacing` nodes after `time_s`; never one so close that it is
+/// the same.
+fn raster_after(time_s: f64, spacing: f64) -> f64 {
+    let step_s = NODE_STEP_S * spacing;
+    let number = ((time_s + SAME_RASTER_S) / step_s).floor() + 1.0;
+    number * step_s
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::truth::{
-        MotorCircuit, Network, Zip, load::Part, motor::Motor, static_load::StaticLoad,
+        MotorCircuit, Network, Zip,
+        load::{Part, Supply},
+        parts::{Motor, StaticLoad},
     };
 
     const W0: f64 = 376.991_118_430_775_2;
@@ -205,26 +284,31 @@ mod tests {
         let motor = Motor::at_operating_point(MotorCircuit::default(), 0.4, voltage, W0).unwrap();
         let state = motor.initial_state();
         let motor_power = {
-            let current = motor.current(voltage, &state);
+            let current = motor.current(rest(voltage), &state);
             voltage * current.conj()
         };
         let total = Phasor::new(0.9, 0.3);
-        let zip = StaticLoad {
-            zip: Zip {
-                active_impedance: 0.4,
-                active_current: 0.4,
-                reactive_impedance: 0.8,
-                reactive_current: 0.1,
-            },
-            initial_voltage_pu: voltage.norm(),
-            initial: total - motor_power,
+        let shares = Zip {
+            active_impedance: 0.4,
+            active_current: 0.4,
+            reactive_impedance: 0.8,
+            reactive_current: 0.1,
         };
+        let zip = StaticLoad::plain(shares, voltage, total - motor_power);
         let load = Load {
+            supply: Supply::NONE,
             parts: vec![Box::new(zip), Box::new(motor)],
         };
         let current = (total / voltage).conj();
         let grid = Grid::at_operating_point(Network::default(), voltage, current, W0);
         Simulation::new(grid, load, voltage, options)
+    }
+
+    fn rest(voltage: Phasor) -> Terminal {
+        Terminal {
+            time_s: 0.0,
+            voltage,
+        }
     }
 
     fn tolerance(tolerance: f64) -> IntegratorOptions {
@@ -290,7 +374,7 @@ mod tests {
         let speed_after = simulation.state[MACHINE_STATES + 2];
         let zip_share = |node: &Node| {
             let load = &simulation.load.parts[0];
-            (node.voltage * load.current(node.voltage, &[]).conj()).re
+            (node.voltage * load.current(rest(node.voltage), &[]).conj()).re
         };
         let surplus = |node: &Node| (node.voltage * node.current.conj()).re - zip_share(node) - 0.4;
         let integral: f64 = nodes
@@ -312,17 +396,15 @@ mod tests {
         // Constant power 0.9 + j 0.3 behind a near short circuit: the grid left can give 0.2.
         let voltage = Phasor::new(1.0, 0.0);
         let initial = Phasor::new(0.9, 0.3);
-        let constant_power = StaticLoad {
-            zip: Zip {
-                active_impedance: 0.0,
-                active_current: 0.0,
-                reactive_impedance: 0.0,
-                reactive_current: 0.0,
-            },
-            initial_voltage_pu: 1.0,
-            initial,
+        let shares = Zip {
+            active_impedance: 0.0,
+            active_current: 0.0,
+            reactive_impedance: 0.0,
+            reactive_current: 0.0,
         };
+        let constant_power = StaticLoad::plain(shares, voltage, initial);
         let load = Load {
+            supply: Supply::NONE,
             parts: vec![Box::new(constant_power)],
         };
         let grid = Grid::at_operating_point(Network::default(), voltage, initial.conj(), W0);

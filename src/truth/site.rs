@@ -3,16 +3,15 @@
 use std::f64::consts::TAU;
 
 use super::{
-    BadSamples, EventPlan, IntegratorOptions, LoadBaseParameters, MotorCircuit, Network, Phasor,
-    Random, TruthError, Zip,
-    load::{Load, Part},
-    motor::Motor,
+    BadSamples, Effect, EventKind, EventPlan, HiddenEffect, LoadBaseParameters, Operation,
+    PartPower, Phasor, Random, SiteOptions, TruthError, Zip,
+    compose::{Composed, OperatingPoint, compose, motor_groups},
+    excitation::{Excitation, Need},
     network::Grid,
     pmu::Pmu,
     simulation::{Node, Simulation},
-    static_load::StaticLoad,
 };
-use crate::measurement::{Record, Site};
+use crate::measurement::Record;
 
 /// 2026-01-05 03:07:00 UTC, the first event's window; the others follow by [`SPACING_NS`].
 const FIRST_START_NS: i64 = 1_767_582_420_000_000_000;
@@ -22,210 +21,10 @@ const SPACING_NS: i64 = 90_420_000_000_000;
 const INITIAL_ANGLE_RAD: f64 = -0.32;
 /// Share of the events that hold bad samples, where they are wanted.
 const BAD_SHARE: f64 = 0.45;
-
-/// What a synthetic site shall be like.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SiteOptions {
-    /// The site and its bases.
-    pub site: Site,
-    /// Seed of every random number.
-    pub seed: u64,
-    /// Number of events, 1 to 99; default 11.
-    pub events: usize,
-    /// Reports per second, 10 to 240; default 60.
-    pub rate_fps: f64,
-    /// Length of a window, 4 to 120 s; default 10.
-    pub duration_s: f64,
-    /// Relative noise of the phasors, 0 to 0.05; default 0.0005.
-    pub noise: f64,
-    /// Width of the PMU's window in nominal cycles, 0 to 6, 0 for none; default 2.
-    pub filter_cycles: f64,
-    /// Mean active power of the load, pu, 0.05 to 2; default 0.9.
-    pub active_pu: f64,
-    /// Mean reactive power of the load, pu, -1 to 2; default 0.45.
-    pub reactive_pu: f64,
-    /// Half-width of the range of the operating point, 0 to 0.5; default 0.12.
-    pub level_spread: f64,
-    /// Range of the voltage before an event, pu, within 0.8 to 1.2; default 0.985 to 1.005.
-    pub voltage_range_pu: (f64, f64),
-    /// Standard deviation of the motor's share and of the ZIP shares from event to event, 0 to 0.2;
-    /// default 0.02.
-    pub composition_spread: f64,
-    /// Whether some events hold bad samples; default yes.
-    pub bad_samples: bool,
-    /// Share of P that motors draw before an event, 0 to 0.95; default 0.45.
-    pub motor_share: f64,
-    /// The motors, on their own base.
-    pub motor: MotorCircuit,
-    /// The static load.
-    pub zip: Zip,
-    /// The grid.
-    pub network: Network,
-    /// Accuracy of the integration.
-    pub integrator: IntegratorOptions,
-}
-
-impl SiteOptions {
-    /// The defaults for `site` and `seed`.
-    #[must_use]
-    pub fn new(site: Site, seed: u64) -> Self {
-        Self {
-            site,
-            seed,
-            events: 11,
-            rate_fps: 60.0,
-            duration_s: 10.0,
-            noise: 5e-4,
-            filter_cycles: 2.0,
-            active_pu: 0.9,
-            reactive_pu: 0.45,
-            level_spread: 0.12,
-            voltage_range_pu: (0.985, 1.005),
-            composition_spread: 0.02,
-            bad_samples: true,
-            motor_share: 0.45,
-            motor: MotorCircuit::default(),
-            zip: Zip {
-                active_impedance: 0.35,
-                active_current: 0.35,
-                reactive_impedance: 0.6,
-                reactive_current: 0.2,
-            },
-            network: Network::default(),
-            integrator: IntegratorOptions::default(),
-        }
-    }
-
-    fn check(&self) -> Result<(), TruthError> {
-        let ranges = self
-            .measurement_ranges()
-            .into_iter()
-            .chain(self.load_ranges())
-            .chain(self.voltage_ranges());
-        for (option, given, low, high, required) in ranges {
-            if !(low..=high).contains(&given) {
-                return Err(TruthError::OptionOutOfRange {
-                    option,
-                    given,
-                    required,
-                });
-            }
-        }
-        Ok(())
-    }
-
-    fn measurement_ranges(&self) -> [Range; 8] {
-        let site = &self.site;
-        [
-            ("events", self.events as f64, 1.0, 99.0, "1 to 99"),
-            ("rate", self.rate_fps, 10.0, 240.0, "10 to 240 frames/s"),
-            ("duration", self.duration_s, 4.0, 120.0, "4 to 120 s"),
-            ("noise", self.noise, 0.0, 0.05, "0 to 0.05"),
-            ("filter cycles", self.filter_cycles, 0.0, 6.0, "0 to 6"),
-            (
-                "nominal frequency",
-                site.nominal_hz,
-                16.0,
-                400.0,
-                "16 to 400 Hz",
-            ),
-            (
-                "power base",
-                site.s_base_mva,
-                1e-6,
-                1e6,
-                "0.000001 to 1000000 MVA",
-            ),
-            (
-                "voltage base",
-                site.v_base_kv,
-                1e-3,
-                2e3,
-                "0.001 to 2000 kV",
-            ),
-        ]
-    }
-
-    fn voltage_ranges(&self) -> [Range; 2] {
-        let (lowest, highest) = self.voltage_range_pu;
-        let range = "0.8 to 1.2 pu";
-        [
-            ("lowest voltage before an event", lowest, 0.8, 1.2, range),
-            ("highest voltage before an event", highest, 0.8, 1.2, range),
-        ]
-    }
-
-    fn load_ranges(&self) -> [Range; 13] {
-        let motor = &self.motor;
-        let reactance = "0.001 to 100 pu";
-        [
-            ("active power", self.active_pu, 0.05, 2.0, "0.05 to 2 pu"),
-            ("reactive power", self.reactive_pu, -1.0, 2.0, "-1 to 2 pu"),
-            ("level spread", self.level_spread, 0.0, 0.5, "0 to 0.5"),
-            (
-                "composition spread",
-                self.composition_spread,
-                0.0,
-                0.2,
-                "0 to 0.2",
-            ),
-            ("motor share", self.motor_share, 0.0, 0.95, "0 to 0.95"),
-            (
-                "motor inertia",
-                motor.inertia_s,
-                1e-3,
-                100.0,
-                "0.001 to 100 s",
-            ),
-            (
-                "stator resistance",
-                motor.stator_resistance,
-                0.0,
-                1.0,
-                "0 to 1 pu",
-            ),
-            (
-                "rotor resistance",
-                motor.rotor_resistance,
-                1e-4,
-                1.0,
-                "0.0001 to 1 pu",
-            ),
-            (
-                "stator reactance",
-                motor.stator_reactance,
-                1e-3,
-                100.0,
-                reactance,
-            ),
-            (
-                "rotor reactance",
-                motor.rotor_reactance,
-                1e-3,
-                100.0,
-                reactance,
-            ),
-            (
-                "magnetising reactance",
-                motor.magnetising_reactance,
-                1e-3,
-                100.0,
-                reactance,
-            ),
-            ("load factor", motor.load_factor, 1e-2, 2.0, "0.01 to 2"),
-            (
-                "tolerance",
-                self.integrator.tolerance,
-                1e-14,
-                1e-2,
-                "1e-14 to 0.01",
-            ),
-        ]
-    }
-}
-
-/// Name, value, least, largest, and the range in words.
-type Range = (&'static str, f64, f64, f64, &'static str);
+/// By how much a dip that missed its aim is made deeper or milder.
+const CORRECTION: f64 = 0.05;
+/// How often.
+const CORRECTIONS_MAX: usize = 6;
 
 /// What is true of one event.
 #[derive(Clone, Debug, PartialEq)]
@@ -242,8 +41,14 @@ pub struct EventTruth {
     pub motor_share: f64,
     /// The static load.
     pub zip: Zip,
-    /// The paper's motor parameters on the load base.
+    /// The paper's parameters of all motors but those of effects, on the load base.
     pub motor: LoadBaseParameters,
+    /// What each part of the load drew before the event.
+    pub powers: Vec<PartPower>,
+    /// What relays and controllers did.
+    pub operations: Vec<Operation>,
+    /// The hidden effects that act in this event.
+    pub showing: Vec<Effect>,
     /// Lowest voltage at the terminals, before filter and noise, pu.
     pub lowest_voltage_pu: f64,
     /// Lowest and highest frequency that the PMU reported, Hz.
@@ -271,25 +76,35 @@ pub struct SyntheticSite {
 ///
 /// # Errors
 ///
-/// [`TruthError::OptionOutOfRange`] before anything is computed; the others when motors or grid
-/// cannot carry the load asked for.
+/// [`TruthError::OptionOutOfRange`], [`TruthError::ParameterOutOfRange`] and
+/// [`TruthError::EffectTwice`] before anything is computed; the others when motors or grid cannot
+/// carry the load asked for.
 pub fn generate(
     options: &SiteOptions,
     progress: &mut dyn FnMut(usize),
 ) -> Result<SyntheticSite, TruthError> {
     options.check()?;
+    let excitation = Excitation::of(&options.effects, options.excited);
     let mut random = Random::for_part(options.seed, 0);
-    let plans = EventPlan::draw(options.events, &mut random);
+    let plans = EventPlan::draw(options.events, options.retained, &excitation, &mut random);
     let (mut records, mut truth) = (Vec::new(), Vec::new());
-    for (index, plan) in plans.into_iter().enumerate() {
+    for (index, mut plan) in plans.into_iter().enumerate() {
+        if options.excited {
+            plan.outlast(longest_delay_s(&excitation), options.site.nominal_hz);
+        }
         let mut random = Random::for_part(options.seed, 1 + index as u64);
-        let point = OperatingPoint::draw(options, &mut random);
-        let (record, event) = one_event(options, plan, point, index, &mut random)?;
+        let point = drawn_point(options, &mut random);
+        let (record, event) = Event {
+            options,
+            point,
+            index,
+        }
+        .record(plan, &mut random)?;
         records.push(record);
         truth.push(event);
         progress(index + 1);
     }
-    let active_pu = options.active_pu * options.motor_share;
+    let active_pu = options.active_pu * options.motor_share * motor_groups(&options.effects).0;
     Ok(SyntheticSite {
         options: options.clone(),
         motor: options
@@ -304,113 +119,215 @@ fn nominal_rad_s(options: &SiteOptions) -> f64 {
     TAU * options.site.nominal_hz
 }
 
-/// The load before one event.
-#[derive(Clone, Copy, Debug)]
-struct OperatingPoint {
-    voltage: Phasor,
-    power: Phasor,
-    motor_share: f64,
-    zip: Zip,
+fn longest_delay_s(excitation: &Excitation) -> f64 {
+    let delays = excitation.needs.iter().map(|need| match need {
+        Need::Dips(threshold) => threshold.lasting_s,
+        _ => 0.0,
+    });
+    delays.fold(0.0, f64::max)
 }
 
-impl OperatingPoint {
-    fn draw(options: &SiteOptions, random: &mut Random) -> Self {
-        let level = 1.0 + random.between(-options.level_spread, options.level_spread);
-        let mut varied = |value: f64| value * (1.0 + options.composition_spread * random.normal());
-        let power = Phasor::new(
-            options.active_pu * level,
-            varied(options.reactive_pu * level),
-        );
-        let motor_share = varied(options.motor_share).clamp(0.0, 0.95);
-        let zip = Zip {
-            active_impedance: varied(options.zip.active_impedance),
-            active_current: varied(options.zip.active_current),
-            reactive_impedance: varied(options.zip.reactive_impedance),
-            reactive_current: varied(options.zip.reactive_current),
-        };
-        let (lowest_pu, highest_pu) = options.voltage_range_pu;
-        Self {
-            voltage: Phasor::from_polar(random.between(lowest_pu, highest_pu), INITIAL_ANGLE_RAD),
-            power,
-            motor_share,
-            zip,
-        }
-    }
-
-    /// The load at this point: static part and motors.
-    fn load(&self, options: &SiteOptions) -> Result<Load, TruthError> {
-        let mut parts: Vec<Box<dyn Part>> = Vec::new();
-        let mut rest = self.power;
-        if self.motor_share > 0.0 {
-            let active_pu = self.motor_share * self.power.re;
-            let motor = Motor::at_operating_point(
-                options.motor,
-                active_pu,
-                self.voltage,
-                nominal_rad_s(options),
-            )?;
-            let current = motor.current(self.voltage, &motor.initial_state());
-            rest -= self.voltage * current.conj();
-            parts.push(Box::new(motor));
-        }
-        parts.push(Box::new(StaticLoad {
-            zip: self.zip,
-            initial_voltage_pu: self.voltage.norm(),
-            initial: rest,
-        }));
-        Ok(Load { parts })
+fn drawn_point(options: &SiteOptions, random: &mut Random) -> OperatingPoint {
+    let level = 1.0 + random.between(-options.level_spread, options.level_spread);
+    let mut varied = |value: f64| value * (1.0 + options.composition_spread * random.normal());
+    let power = Phasor::new(
+        options.active_pu * level,
+        varied(options.reactive_pu * level),
+    );
+    let motor_share = varied(options.motor_share).clamp(0.0, 0.95);
+    let zip = Zip {
+        active_impedance: varied(options.zip.active_impedance),
+        active_current: varied(options.zip.active_current),
+        reactive_impedance: varied(options.zip.reactive_impedance),
+        reactive_current: varied(options.zip.reactive_current),
+    };
+    let (lowest_pu, highest_pu) = options.voltage_range_pu;
+    OperatingPoint {
+        voltage: Phasor::from_polar(random.between(lowest_pu, highest_pu), INITIAL_ANGLE_RAD),
+        power,
+        motor_share,
+        zip,
     }
 }
 
-fn one_event(
-    options: &SiteOptions,
-    plan: EventPlan,
+/// One event of a site.
+struct Event<'a> {
+    options: &'a SiteOptions,
     point: OperatingPoint,
     index: usize,
-    random: &mut Random,
-) -> Result<(Record, EventTruth), TruthError> {
-    let pmu = Pmu {
-        rate_fps: options.rate_fps,
-        nominal_hz: options.site.nominal_hz,
-        filter_cycles: options.filter_cycles,
-        noise: options.noise,
-    };
-    let current = (point.power / point.voltage).conj();
-    let nominal_rad_s = nominal_rad_s(options);
-    let grid = Grid::at_operating_point(options.network, point.voltage, current, nominal_rad_s);
-    let switchings = plan.switchings(&grid, point.voltage, current, options.site.nominal_hz);
-    let load = point.load(options)?;
-    let nodes = Simulation::new(grid, load, point.voltage, options.integrator)
-        .run(options.duration_s + pmu.margin_s(), &switchings)?;
+}
 
-    let start_ns = FIRST_START_NS + SPACING_NS * i64::try_from(index).unwrap_or(0);
-    let mut record = pmu.record(&nodes, start_ns, sample_count(options), random);
-    let bad_samples = bad_samples(options, &plan, random);
-    let frequency_range_hz = frequency_range(&record);
-    if let Some(bad) = bad_samples {
-        bad.apply(&mut record);
+/// What a simulation gave.
+struct Run {
+    nodes: Vec<Node>,
+    operations: Vec<Operation>,
+    powers: Vec<PartPower>,
+}
+
+impl Event<'_> {
+    fn record(
+        &self,
+        mut plan: EventPlan,
+        random: &mut Random,
+    ) -> Result<(Record, EventTruth), TruthError> {
+        let (options, point) = (self.options, &self.point);
+        let run = self.run_until_aim_is_met(&mut plan)?;
+        let pmu = pmu(options);
+        let start_ns = FIRST_START_NS + SPACING_NS * i64::try_from(self.index).unwrap_or(0);
+        let mut record = pmu.record(&run.nodes, start_ns, sample_count(options), random);
+        let bad_samples = bad_samples(options, &plan, random);
+        let frequency_range_hz = frequency_range(&record);
+        if let Some(bad) = bad_samples {
+            bad.apply(&mut record);
+        }
+        let motors_pu = point.motor_share * point.power.re * motor_groups(&options.effects).0;
+        let mut truth = EventTruth {
+            plan,
+            voltage_pu: point.voltage.norm(),
+            active_pu: point.power.re,
+            reactive_pu: point.power.im,
+            motor_share: point.motor_share,
+            zip: point.zip,
+            motor: options
+                .motor
+                .on_load_base(motors_pu, nominal_rad_s(options)),
+            lowest_voltage_pu: lowest_voltage(&run.nodes),
+            powers: run.powers,
+            operations: run.operations,
+            showing: Vec::new(),
+            frequency_range_hz,
+            bad_samples,
+        };
+        let hidden = options.effects.iter();
+        truth.showing = hidden
+            .filter(|hidden| acts(hidden, &truth))
+            .map(HiddenEffect::effect)
+            .collect();
+        Ok((record, truth))
     }
-    let truth = EventTruth {
-        plan,
-        voltage_pu: point.voltage.norm(),
-        active_pu: point.power.re,
-        reactive_pu: point.power.im,
-        motor_share: point.motor_share,
-        zip: point.zip,
-        motor: options
-            .motor
-            .on_load_base(point.motor_share * point.power.re, nominal_rad_s),
-        lowest_voltage_pu: lowest_voltage(&nodes),
-        frequency_range_hz,
-        bad_samples,
-    };
-    Ok((record, truth))
+
+    /// Simulates the event, and again deeper or milder while its dip has missed its aim. A dip that
+    /// the grid cannot carry is made milder, too.
+    fn run_until_aim_is_met(&self, plan: &mut EventPlan) -> Result<Run, TruthError> {
+        let mut outcome = self.run(plan);
+        for _ in 0..CORRECTIONS_MAX {
+            let again = match &outcome {
+                Ok(run) => plan.correct(self.has_acted(plan, run), CORRECTION),
+                Err(TruthError::NoNetworkSolution { .. } | TruthError::StepTooSmall { .. })
+                    if plan.kind.is_fault() =>
+                {
+                    plan.retained = (plan.retained + 2.0 * CORRECTION).min(0.96);
+                    true
+                }
+                Err(_) => false,
+            };
+            if !again {
+                break;
+            }
+            let before = outcome;
+            outcome = self.run(plan);
+            // Deeper than the grid can carry: the last dip that it could is kept.
+            if outcome.is_err() && before.is_ok() {
+                plan.retained += CORRECTION;
+                return before;
+            }
+        }
+        outcome
+    }
+
+    fn has_acted(&self, plan: &EventPlan, run: &Run) -> bool {
+        let Some((effect, _)) = plan.target else {
+            return false;
+        };
+        let hidden = self.options.effects.iter().find(|h| h.effect() == effect);
+        hidden.is_some_and(|hidden| operated(hidden, &run.operations, lowest_voltage(&run.nodes)))
+    }
+
+    fn run(&self, plan: &EventPlan) -> Result<Run, TruthError> {
+        let (options, point) = (self.options, &self.point);
+        let nominal_rad_s = nominal_rad_s(options);
+        let current = (point.power / point.voltage).conj();
+        let grid = Grid::at_operating_point(options.network, point.voltage, current, nominal_rad_s);
+        let switchings = plan.switchings(&grid, point.voltage, current, options.site.nominal_hz);
+        let Composed {
+            load,
+            terminal,
+            powers,
+        } = compose(point, options.motor, &options.effects, nominal_rad_s)?;
+        let mut simulation = Simulation::new(grid, load, terminal, options.integrator);
+        let end_s = options.duration_s + pmu(options).margin_s();
+        let nodes = simulation.run(end_s, &switchings)?;
+        Ok(Run {
+            nodes,
+            operations: simulation.log,
+            powers,
+        })
+    }
+}
+
+/// Whether a relay of the effect has operated, or its law has changed.
+fn operated(hidden: &HiddenEffect, operations: &[Operation], lowest_voltage_pu: f64) -> bool {
+    if hidden.effect() == Effect::LowVoltageConversion {
+        return lowest_voltage_pu < hidden.value("below_pu");
+    }
+    let name = hidden.effect().name();
+    operations.iter().any(|operation| operation.part == name)
+}
+
+/// Whether the effect shows in the event: a relay has operated, the frequency or the voltage has
+/// stayed away, or the dip was deep enough for effects that are there at any depth.
+fn acts(hidden: &HiddenEffect, truth: &EventTruth) -> bool {
+    let kind = truth.plan.kind;
+    let deep = truth.lowest_voltage_pu < DEEP * truth.voltage_pu;
+    let stays = !matches!(kind, EventKind::Fault);
+    match hidden.effect() {
+        Effect::LoadRamp | Effect::RatioPhaseError | Effect::FrequencyTracking => true,
+        Effect::ExponentialRecovery => stays,
+        Effect::Saturation => stays || deep,
+        effect => match Need::of(hidden) {
+            Need::Dips(_) | Need::Sustained => {
+                operated(hidden, &truth.operations, truth.lowest_voltage_pu)
+            }
+            Need::Frequency => {
+                let moved = matches!(kind, EventKind::GeneratorTrip | EventKind::LoadRejection);
+                moved || (deep && effect == Effect::SpeedDependentTorque)
+            }
+            Need::Depths | Need::Nothing => deep,
+        },
+    }
+}
+
+/// Voltage over that before the event below which effects without a threshold show.
+const DEEP: f64 = 0.85;
+
+fn pmu(options: &SiteOptions) -> Pmu {
+    let mut pmu = Pmu::sound(
+        options.rate_fps,
+        options.site.nominal_hz,
+        options.filter_cycles,
+        options.noise,
+    );
+    for hidden in &options.effects {
+        match hidden.effect() {
+            Effect::TimeSkew => pmu.skew_s = hidden.value("skew_s"),
+            Effect::PhasorWindow => pmu.filter_cycles = hidden.value("cycles"),
+            Effect::RatioPhaseError => {
+                pmu.angle_error_rad = hidden.value("angle_deg").to_radians();
+            }
+            Effect::FrequencyTracking => {
+                pmu.frequency_lag_s = hidden.value("lag_s");
+                pmu.frequency_span_cycles = hidden.value("span_cycles");
+            }
+            _ => {}
+        }
+    }
+    pmu
 }
 
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
-    reason = "rate and duration are checked: at most 240 x 120"
+    reason = "rate and duration are checked: at most 240 x 600"
 )]
 fn sample_count(options: &SiteOptions) -> usize {
     (options.duration_s * options.rate_fps).round() as usize + 1
@@ -446,8 +363,12 @@ fn frequency_range(record: &Record) -> (f64, f64) {
 }
 
 #[cfg(test)]
+mod hidden_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measurement::Site;
 
     fn options(seed: u64) -> SiteOptions {
         let site = Site {

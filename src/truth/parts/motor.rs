@@ -14,7 +14,10 @@
 //! 7.2; with `E' = j X_m/(X_r + X_m) psi` the model is the third-order one of the reference paper,
 //! equation (9), which the tests show.
 
-use super::{Phasor, TruthError, load::Part};
+use crate::truth::{
+    Phasor, TruthError,
+    load::{Part, Terminal},
+};
 
 /// Circuit constants on the motor's own base.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,7 +147,7 @@ impl MotorCircuit {
 
 /// A group of motors at its operating point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Motor {
+pub(in crate::truth) struct Motor {
     circuit: MotorCircuit,
     /// Rating over the load base.
     rating: f64,
@@ -161,7 +164,7 @@ impl Motor {
     /// # Errors
     ///
     /// [`TruthError::NoEquilibrium`] when the circuit cannot take that much.
-    pub(super) fn at_operating_point(
+    pub(in crate::truth) fn at_operating_point(
         circuit: MotorCircuit,
         active_pu: f64,
         voltage: Phasor,
@@ -213,14 +216,14 @@ impl Part for Motor {
         vec![magnitude, angle, self.initial_speed_rad_s]
     }
 
-    fn current(&self, voltage: Phasor, state: &[f64]) -> Phasor {
+    fn current(&self, at: Terminal, state: &[f64]) -> Phasor {
         let flux = Phasor::from_polar(state[0], state[1]);
-        self.stator_current(voltage, flux) * self.rating
+        self.stator_current(at.voltage, flux) * self.rating
     }
 
-    fn derivatives(&self, voltage: Phasor, state: &[f64], slope: &mut [f64]) {
+    fn derivatives(&self, at: Terminal, state: &[f64], slope: &mut [f64]) {
         let flux = Phasor::from_polar(state[0], state[1]);
-        let stator = self.stator_current(voltage, flux);
+        let stator = self.stator_current(at.voltage, flux);
         let (xm, w0) = (self.circuit.magnetising_reactance, self.nominal_rad_s);
         let rotor = (flux - xm * stator) / self.circuit.rotor_self_reactance(); // (2)
         let turning = Phasor::new(0.0, state[2] - w0) * flux;
@@ -239,6 +242,13 @@ mod tests {
 
     const W0: f64 = 376.991_118_430_775_2;
 
+    fn at(voltage: Phasor) -> Terminal {
+        Terminal {
+            time_s: 0.0,
+            voltage,
+        }
+    }
+
     fn motor(voltage: Phasor) -> Motor {
         Motor::at_operating_point(MotorCircuit::default(), 0.4, voltage, W0).unwrap()
     }
@@ -249,9 +259,9 @@ mod tests {
         let motor = motor(voltage);
         let state = motor.initial_state();
         let mut slope = [0.0; 3];
-        motor.derivatives(voltage, &state, &mut slope);
+        motor.derivatives(at(voltage), &state, &mut slope);
         assert!(slope.iter().all(|rate| rate.abs() < 1e-9), "{slope:?}");
-        let power = voltage * motor.current(voltage, &state).conj();
+        let power = voltage * motor.current(at(voltage), &state).conj();
         assert!((power.re - 0.4).abs() < 1e-12, "{power}");
     }
 
@@ -277,7 +287,7 @@ mod tests {
         let state = motor.initial_state();
         let flux = Phasor::from_polar(state[0], state[1]);
         let transient_voltage = Phasor::new(0.0, motor.coupling()) * flux;
-        let power = voltage * motor.current(voltage, &state).conj();
+        let power = voltage * motor.current(at(voltage), &state).conj();
         assert!((transient_voltage.norm() - behind).abs() < 1e-12);
         assert!((transient_voltage.arg() - delta).abs() < 1e-12);
         assert!((power.im - reactive).abs() < 1e-12);
@@ -296,7 +306,7 @@ mod tests {
         );
         let state = [0.9, -1.4, 0.97 * W0];
         let mut slope = [0.0; 3];
-        motor.derivatives(dip, &state, &mut slope);
+        motor.derivatives(at(dip), &state, &mut slope);
 
         let e = motor.coupling() * state[0];
         let delta = state[1] + std::f64::consts::FRAC_PI_2 - dip.arg();
