@@ -132,7 +132,7 @@ pub fn identify(
     options: &IdentificationOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Identification, IdentificationError> {
-    let structure = Structure::parse(structure)?;
+    let structure = Structure::parse(structure)?.plain()?;
     let (events, refused) = prepare_all(windows, &options.intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
@@ -473,7 +473,7 @@ fn model_of(set: &ParameterSet) -> Result<FittedModel, IdentificationError> {
             .filter(|v| v.is_finite())
             .ok_or(IdentificationError::IncompleteSet { name: wanted })
     };
-    let structure = Structure::parse(&set.structure)?;
+    let structure = Structure::parse(&set.structure)?.plain()?;
     Ok(FittedModel {
         motor: MotorCoordinates {
             alpha_per_s: coordinate("ln_alpha")?.exp(),
