@@ -1,9 +1,6 @@
 //! Which parts a model is made of.
 
-use super::{
-    effect::{Declared, Effect},
-    effects,
-};
+use super::{effect::Effect, effects};
 
 /// A composed load model: `zip`, `induction_motor`, and effects. The parts are named as in the
 /// catalogue (`docs/effects`); the order is the order of the parameters.
@@ -152,7 +149,9 @@ impl Structure {
     ///
     /// [`StructureError::NotPlain`] with the first such part.
     pub fn plain(self) -> Result<Self, StructureError> {
-        let more = self.effects().find(|e| e.declaration().name != PLAIN_EFFECT);
+        let more = self
+            .effects()
+            .find(|e| e.declaration().name != PLAIN_EFFECT);
         match more {
             None => Ok(self),
             Some(effect) => Err(StructureError::NotPlain {
