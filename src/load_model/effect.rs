@@ -40,20 +40,20 @@ pub enum Kind {
     Instrument,
 }
 
-/// How a parameter's prior is to be read, and how its search coordinate is scaled.
+/// What a parameter's prior is normal in, and a search walks in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {
-    /// Mean and deviation are the parameter's own.
+    /// The parameter itself.
     Linear,
-    /// Mean and deviation are those of its natural logarithm.
+    /// Its natural logarithm.
     Logarithmic,
 }
 
 /// A weak normal prior: it decides only what the data leave open.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
-    /// Mean, on the scale.
-    pub mean: f64,
+    /// Centre, in the parameter's own unit on either scale.
+    pub centre: f64,
     /// Standard deviation, on the scale; infinite when nothing is known.
     pub deviation: f64,
     /// Linear or logarithmic.
@@ -129,7 +129,7 @@ impl Parameter {
             neutral: 0.0,
             typical,
             prior: Prior {
-                mean: 0.0,
+                centre: 0.0,
                 deviation: f64::INFINITY,
                 scale: Scale::Linear,
             },
@@ -152,7 +152,7 @@ impl Parameter {
             neutral: 0.0,
             typical,
             prior: Prior {
-                mean: 0.0,
+                centre: 0.0,
                 deviation: f64::INFINITY,
                 scale: Scale::Linear,
             },
@@ -176,7 +176,7 @@ impl Parameter {
             neutral: typical,
             typical,
             prior: Prior {
-                mean: typical,
+                centre: typical,
                 deviation,
                 scale: Scale::Linear,
             },
@@ -184,18 +184,13 @@ impl Parameter {
         }
     }
 
-    /// A positive shape whose logarithm has a normal prior; `ln_typical` is the logarithm of the
-    /// typical value, given because it cannot be computed in a constant.
+    /// A positive shape whose logarithm has a normal prior around that of its typical value.
     #[must_use]
-    pub const fn positive_shape(
-        names: [&'static str; 3],
-        range: [f64; 3],
-        [ln_typical, deviation]: [f64; 2],
-    ) -> Self {
+    pub const fn positive_shape(names: [&'static str; 3], range: [f64; 3], deviation: f64) -> Self {
         let linear = Self::shape(names, range, deviation);
         Self {
             prior: Prior {
-                mean: ln_typical,
+                centre: linear.typical,
                 deviation,
                 scale: Scale::Logarithmic,
             },
@@ -211,7 +206,7 @@ pub const MOTOR_REACTANCE: Parameter = Parameter {
     ..Parameter::positive_shape(
         ["motor_reactance", "x", "1"],
         [0.8, TYPICAL_MOTOR_REACTANCE, 8.0],
-        [0.693_147_180_559_945_3, 0.5],
+        0.5,
     )
 };
 
@@ -335,6 +330,70 @@ impl Declaration {
         let same = |(p, v): (&Parameter, &f64)| !p.is_amplitude() || p.neutral.eq(v);
         self.parameters.iter().zip(values).all(same)
     }
+}
+
+/// The page of an effect for manual and terminal: `header` (what the file says about it), the table
+/// of its parameters, what it needs and where it comes from. Markdown.
+#[must_use]
+pub fn page(declaration: &Declaration, header: &str) -> String {
+    let d = declaration;
+    let mut lines = vec![
+        format!("# {}", d.name),
+        String::new(),
+        header.trim().to_owned(),
+        String::new(),
+        "| parameter | symbol | unit | lower | typical | upper | role |".to_owned(),
+        "|---|---|---|---|---|---|---|".to_owned(),
+    ];
+    lines.extend(d.parameters.iter().map(|p| {
+        let role = match p.role {
+            Role::OneSidedAmplitude { meaningful } => {
+                format!(
+                    "amplitude, absent at {}, worth reporting from {meaningful}",
+                    p.neutral
+                )
+            }
+            Role::TwoSidedAmplitude { meaningful } => {
+                format!("amplitude of either sign, worth reporting from {meaningful}")
+            }
+            Role::Shape => "shape".to_owned(),
+            Role::Shared => "shape, shared by all effects that name it".to_owned(),
+            Role::Base => "base".to_owned(),
+        };
+        format!(
+            "| `{}` | {} | {} | {} | {} | {} | {role} |",
+            p.name, p.symbol, p.unit, p.lower, p.typical, p.upper
+        )
+    }));
+    let n = &d.needs;
+    let mut needs = vec![
+        format!("a window of {} s after the event", n.window_s),
+        format!("{} frames/s", n.rate_fps),
+    ];
+    if n.frequency {
+        needs.push("a frequency or angle channel".to_owned());
+    }
+    needs.extend(
+        n.voltage_below
+            .map(|v| format!("a voltage below {v} of V0")),
+    );
+    needs.extend(
+        n.voltage_above
+            .map(|v| format!("a voltage above {v} of V0")),
+    );
+    needs.extend(
+        n.frequency_deviation
+            .map(|f| format!("a frequency deviation of {f} pu")),
+    );
+    lines.extend([
+        String::new(),
+        format!("Needs: {}.", needs.join(", ")),
+        format!("Separated from its like by: {}.", n.separating_event),
+        format!("Resembles: {}.", d.resembles.join(", ")),
+        format!("Version {}. Source: {}.", d.version, d.source),
+        String::new(),
+    ]);
+    lines.join("\n")
 }
 
 /// Equations of an effect. `p` are its parameters and `x` its states, both in the declared order.

@@ -8,7 +8,7 @@ pub const BASE_PARAMETERS: usize = 8;
 const fn base(
     [name, symbol, unit]: [&'static str; 3],
     [lower, typical, upper]: [f64; 3],
-    [mean, deviation]: [f64; 2],
+    [centre, deviation]: [f64; 2],
 ) -> Parameter {
     Parameter {
         name,
@@ -19,7 +19,7 @@ const fn base(
         neutral: typical,
         typical,
         prior: Prior {
-            mean,
+            centre,
             deviation,
             scale: Scale::Linear,
         },
@@ -27,7 +27,7 @@ const fn base(
     }
 }
 
-const LN_HALF: f64 = -0.693_147_180_559_945_3;
+const LN_HALF: f64 = -std::f64::consts::LN_2;
 const LN_300: f64 = 5.703_782_474_656_201;
 const LN_40000: f64 = 10.596_634_733_096_073;
 const UNKNOWN: [f64; 2] = [0.0, f64::INFINITY];

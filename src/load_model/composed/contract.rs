@@ -1,10 +1,12 @@
 //! What every effect of the catalogue must satisfy. A new effect is tested here the moment it is
 //! listed; its own file holds only the tests that need its physics.
 
+use std::path::{Path, PathBuf};
+
 use super::{ComposedModel, Drive, Response, SimulationError};
 use crate::load_model::{
     Structure, TerminalInput,
-    effect::{Effect, Kind, Parameter, Role},
+    effect::{Effect, Kind, Parameter, Role, page},
     effects::catalogue,
 };
 
@@ -25,7 +27,7 @@ pub(crate) fn lasting(
 ) -> TerminalInput {
     let sample_interval_s = 1.0 / RATE_FPS;
     let samples = 1
-        + (1..)
+        + (1..=100_000_u32)
             .take_while(|k| f64::from(*k) <= duration_s * RATE_FPS)
             .count();
     let grid: Vec<[f64; 2]> = (0..=(samples - 1) * POINTS)
@@ -150,22 +152,22 @@ fn declarations_are_complete() {
     }
 }
 
+/// The folder of the effects' files.
+fn effects_folder() -> PathBuf {
+    let here = Path::new(file!());
+    let own = here
+        .parent()
+        .and_then(Path::parent)
+        .unwrap()
+        .join("effects");
+    // Relative to the project root, unless the module was given an absolute path.
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(own)
+}
+
 #[test]
 fn every_name_is_a_file_and_every_file_is_listed() {
-    let folder = std::path::Path::new(file!())
-        .parent()
-        .and_then(std::path::Path::parent)
-        .map(|p| p.join("effects"))
-        .unwrap();
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    // A file path is relative to the workspace unless the module was given an absolute one.
-    let folder = if folder.is_absolute() {
-        folder
-    } else {
-        root.join(folder)
-    };
-    const BLOCKS: [&str; 5] = ["mod", "relay", "series", "lag", "share"];
-    let mut files: Vec<String> = std::fs::read_dir(&folder)
+    const BLOCKS: [&str; 4] = ["mod", "relay", "series", "lag"];
+    let mut files: Vec<String> = std::fs::read_dir(effects_folder())
         .unwrap()
         .filter_map(|f| f.ok()?.path().file_stem()?.to_str().map(str::to_owned))
         .filter(|f| !BLOCKS.contains(&f.as_str()))
@@ -174,6 +176,33 @@ fn every_name_is_a_file_and_every_file_is_listed() {
     let mut names: Vec<String> = catalogue().iter().map(|e| name(e).to_owned()).collect();
     names.sort();
     assert_eq!(names, files);
+}
+
+#[test]
+fn the_manual_has_one_current_page_per_effect() {
+    let manual = effects_folder().join("../../../docs/effects");
+    for effect in catalogue() {
+        let source = effects_folder().join(name(effect)).with_extension("rs");
+        let source = std::fs::read_to_string(source).unwrap();
+        let header: Vec<&str> = source
+            .lines()
+            .map_while(|line| line.strip_prefix("//!"))
+            .map(|line| line.strip_prefix(' ').unwrap_or(line))
+            .collect();
+        let expected = page(effect.declaration(), &header.join("\n"));
+        let path = manual.join(name(effect)).with_extension("md");
+        if std::env::var_os("UPDATE_DOCS").is_some() {
+            std::fs::create_dir_all(&manual).unwrap();
+            std::fs::write(&path, &expected).unwrap();
+        }
+        let found = std::fs::read_to_string(&path).unwrap_or_default();
+        assert_eq!(
+            found,
+            expected,
+            "{} is stale: run UPDATE_DOCS=1 cargo test the_manual",
+            path.display()
+        );
+    }
 }
 
 #[test]

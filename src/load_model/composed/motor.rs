@@ -23,8 +23,7 @@
 //! At rest the motor draws exactly the active power 1; the slip is the root of `Re(1/Z(s)) = 1`
 //! where the torque still rises with the slip, `Z(s)` being the impedance at standstill of the states.
 //! Source: (1)-(4) reference paper (9), (10) with the stator of Kundur, "Power System Stability and
-//! Control", 7.2 (as in `truth::motor`); (5) the fifth-order motor of Milano, "Power System Modelling
-//! and Scripting", 15.2.5 (from memory, not verified).
+//! Control", 7.2, checked against that circuit in `composed::tests`; (5) the fifth-order motor of PSAT as in `OpenIPSL`, `Electrical/Machines/PSAT/MotorTypeV.mo` (verified).
 
 use std::ops::{Add, Mul};
 
@@ -463,7 +462,8 @@ struct AtSpeed<S> {
 impl<S: Elementary> Branch<S> {
     fn new(description: &MotorDescription<S>) -> Result<Self, Infeasible> {
         let c = &description.coordinates;
-        if !(c.kappa.value() > 0.0) {
+        let loaded = c.kappa.value() > 0.0; // false for NaN, too
+        if !loaded {
             return Err(Infeasible {
                 violation: -c.kappa.value(),
                 constraint: "(13)",
@@ -538,8 +538,9 @@ fn running_speed<S: Elementary>(
         let active = rigid.at_speed(Dual::variable(speed, 0)).current[0];
         missing = 1.0 - active.value;
         slope = active.derivatives[0];
-        // Written so that NaN is infeasible too. The power rises as the speed falls.
-        if !(slope < 0.0) || !(speed > -description.synchronous_speed_rad_s) {
+        // The power rises as the speed falls; neither holds for NaN.
+        let (rises, turns) = (slope < 0.0, speed > -description.synchronous_speed_rad_s);
+        if !(rises && turns) {
             break;
         }
         let next = speed + missing / slope;
@@ -547,7 +548,8 @@ fn running_speed<S: Elementary>(
             // With losses the terminal power still rises where the torque already falls.
             let at = rigid.at_speed(Dual::variable(next, 0));
             let torque = complex::dot(at.behind, at.current);
-            if !(torque.derivatives[0] < 0.0) {
+            let stable = torque.derivatives[0] < 0.0;
+            if !stable {
                 missing = torque.derivatives[0] / slope.abs();
                 break;
             }

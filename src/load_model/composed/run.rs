@@ -2,7 +2,7 @@
 //! then the instrument.
 
 use super::{
-    Drive, Feeder, Instant, MotorDescription, Rest, Series, SimulationError, Step, complex,
+    Drive, Instant, MotorDescription, Rest, Series, SimulationError, Step, complex,
     feeder::Network,
     grid::Grid,
     motor::{Motor, MotorState},
@@ -111,41 +111,28 @@ pub(super) fn run<S: Pass>(
     effects: &[Active<'_, S>],
 ) -> Result<Output<S>, SimulationError> {
     let acting = |place: Place| effects.iter().filter(move |e| e.declaration.acts_on(place));
-    let mut description = MotorDescription::new(motor, drive.terminal.synchronous_speed_rad_s);
-    for e in acting(Place::Motor) {
-        e.equations.motor(&e.parameters, &mut description);
-    }
-    let motor = Motor::new(&description)?;
-    let rest = Rest {
-        reactive: drive.reactive_at_rest,
-        motor_share: linear[0],
-        motor,
-        static_constant: [
-            -(linear[0] + linear[1] + linear[2]) + 1.0,
-            -(linear[0] * motor.rest_power[1] + linear[3] + linear[4]) + drive.reactive_at_rest,
-        ],
-        synchronous_speed_rad_s: drive.terminal.synchronous_speed_rad_s,
-    };
+    let rest = at_rest(drive, motor, linear, effects)?;
     let mut frequency: Vec<S> = frequency_series(drive, grid);
     for e in acting(Place::Frequency) {
         e.equations
             .frequency(&e.parameters, &grid.time_s, &mut frequency);
     }
-    let feeder: Option<Feeder<S>> = acting(Place::Feeder)
-        .next()
-        .map(|e| e.equations.feeder(&e.parameters));
+    let network = acting(Place::Feeder).next().map(|e| {
+        let feeder = e.equations.feeder(&e.parameters);
+        Network::new(&feeder, drive.reactive_at_rest, linear[0], &rest.motor)
+    });
     let mut states = vec![S::constant(0.0); effects.last().map_or(0, Active::end)];
+    let mut rate_per_s = rest.motor.rate_per_s();
     for e in acting(Place::States) {
         let own = states.get_mut(e.first_state..e.end()).unwrap_or(&mut []);
         e.equations.initialise(&e.parameters, &rest, own)?;
+        rate_per_s = rate_per_s.max(e.equations.rate_per_s(&e.parameters));
     }
-    let rate = acting(Place::States)
-        .map(|e| e.equations.rate_per_s(&e.parameters))
-        .fold(motor.rate_per_s(), f64::max);
-    let pass = Simulation {
+    let simulation = Simulation {
         drive,
         time_s: &grid.time_s,
-        network: feeder.map(|f| Network::new(&f, drive.reactive_at_rest, linear[0], &rest.motor)),
+        coupled: network.is_some() || acting(Place::Gain).next().is_some(),
+        network,
         rest,
         linear,
         places: Places {
@@ -154,18 +141,59 @@ pub(super) fn run<S: Pass>(
             power: acting(Place::Power).collect(),
             states: acting(Place::States).collect(),
         },
-        coupled: [Place::Gain, Place::Feeder]
-            .iter()
-            .any(|place| acting(*place).next().is_some()),
         frequency,
     };
     let start = Now {
-        motor: motor.rest,
+        motor: rest.motor.rest,
         effects: states,
         ratio: [S::constant(1.0), S::constant(0.0)],
     };
-    let mut output = pass.integrate(grid, start, rate)?;
-    let [active, reactive] = &mut output;
+    let mut output = simulation.integrate(grid, start, rate_per_s)?;
+    measure(drive, grid, effects, &mut output);
+    match output.iter().flatten().position(|y| !y.value().is_finite()) {
+        None => Ok(output),
+        Some(index) => Err(SimulationError::NotFinite {
+            output: index % grid.time_s.len(),
+        }),
+    }
+}
+
+/// The motor with what the effects make of it, and the load at its operating point.
+fn at_rest<S: Pass>(
+    drive: &Drive<'_>,
+    motor: MotorCoordinates<S>,
+    linear: [S; LinearCoefficients::COUNT],
+    effects: &[Active<'_, S>],
+) -> Result<Rest<S>, SimulationError> {
+    let synchronous_speed_rad_s = drive.terminal.synchronous_speed_rad_s;
+    let mut description = MotorDescription::new(motor, synchronous_speed_rad_s);
+    for e in effects
+        .iter()
+        .filter(|e| e.declaration.acts_on(Place::Motor))
+    {
+        e.equations.motor(&e.parameters, &mut description);
+    }
+    let motor = Motor::new(&description)?;
+    let [share, c_z, c_i, d_z, d_i] = linear;
+    Ok(Rest {
+        reactive: drive.reactive_at_rest,
+        motor_share: share,
+        motor,
+        static_constant: [
+            -(share + c_z + c_i) + 1.0,
+            -(share * motor.rest_power[1] + d_z + d_i) + drive.reactive_at_rest,
+        ],
+        synchronous_speed_rad_s,
+    })
+}
+
+/// Lets the instruments act on the series.
+fn measure<S: Pass>(
+    drive: &Drive<'_>,
+    grid: &Grid,
+    effects: &[Active<'_, S>],
+    [active, reactive]: &mut Output<S>,
+) {
     let mut series = Series {
         time_s: &grid.time_s,
         jump: &grid.jump,
@@ -174,14 +202,11 @@ pub(super) fn run<S: Pass>(
         active,
         reactive,
     };
-    for e in acting(Place::Measurement) {
+    for e in effects
+        .iter()
+        .filter(|e| e.declaration.acts_on(Place::Measurement))
+    {
         e.equations.measure(&e.parameters, &mut series);
-    }
-    match output.iter().flatten().position(|y| !y.value().is_finite()) {
-        None => Ok(output),
-        Some(index) => Err(SimulationError::NotFinite {
-            output: index % grid.time_s.len(),
-        }),
     }
 }
 

@@ -1,5 +1,7 @@
 //! The composed simulation against the plain kernel, and its own accuracy.
 
+use nalgebra::Complex;
+
 use super::{ComposedModel, Drive, SimulationError, contract};
 use crate::load_model::{
     LinearCoefficients, MotorCoordinates, MotorOutput, Structure, TerminalInput,
@@ -86,6 +88,129 @@ fn a_motor_with_every_detail_neutral_is_the_plain_one() {
     let other = plain.simulate(&plain.typical(), &[], &drive).unwrap();
     assert!(largest_difference(&one.active, &other.active) < 1e-7);
     assert!(largest_difference(&one.reactive, &other.reactive) < 1e-7);
+}
+
+/// The motor as a circuit with rotor flux linkages, another derivation than that of
+/// `composed::motor`: `psi = x_m i_s + (x_r + x_m) i_r`, `dpsi/dt = -w0 r_r i_r + j (w - w0) psi`.
+struct Circuit {
+    stator: Complex<f64>,
+    magnetising: f64,
+    rotor_self: f64,
+    rotor_resistance: f64,
+    inertia: f64,
+    torque: f64,
+}
+
+const W0: f64 = 376.99;
+
+impl Circuit {
+    fn stator_current(&self, u: Complex<f64>, psi: Complex<f64>) -> Complex<f64> {
+        let behind = Complex::<f64>::i() * psi * (self.magnetising / self.rotor_self);
+        (u - behind) / self.stator
+    }
+
+    fn torque(&self, u: Complex<f64>, psi: Complex<f64>) -> f64 {
+        let current = self.stator_current(u, psi);
+        self.magnetising / self.rotor_self * (psi.conj() * current).im
+    }
+
+    fn slopes(&self, u: Complex<f64>, (psi, slip): (Complex<f64>, f64)) -> (Complex<f64>, f64) {
+        let stator = self.stator_current(u, psi);
+        let rotor = (psi - stator * self.magnetising) / self.rotor_self;
+        let turning = Complex::<f64>::i() * psi * slip;
+        let surplus = self.torque(u, psi) - self.torque;
+        let loss = rotor * (W0 * self.rotor_resistance);
+        (turning - loss, surplus / self.inertia)
+    }
+
+    fn step(&self, u: [Complex<f64>; 2], x: (Complex<f64>, f64), h: f64) -> (Complex<f64>, f64) {
+        let middle = (u[0] + u[1]) * 0.5;
+        let ahead = |k: (Complex<f64>, f64), by: f64| (x.0 + k.0 * by, x.1 + k.1 * by);
+        let k1 = self.slopes(u[0], x);
+        let k2 = self.slopes(middle, ahead(k1, 0.5 * h));
+        let k3 = self.slopes(middle, ahead(k2, 0.5 * h));
+        let k4 = self.slopes(u[1], ahead(k3, h));
+        let mean = |a: f64, b: f64, c: f64, d: f64| (a + 2.0 * b + 2.0 * c + d) / 6.0;
+        let re = mean(k1.0.re, k2.0.re, k3.0.re, k4.0.re);
+        let im = mean(k1.0.im, k2.0.im, k3.0.im, k4.0.im);
+        let slip = mean(k1.1, k2.1, k3.1, k4.1);
+        (x.0 + Complex::new(re, im) * h, x.1 + slip * h)
+    }
+}
+
+#[test]
+fn a_motor_with_stator_resistance_is_the_circuit_of_the_textbook() {
+    // On the rating: r_s .03, x_s .1, x_m 3, x_r .12, r_r .02, H .6 s, slip .012. Scaling every
+    // impedance by the power at rest brings it to the base of its own initial power.
+    let (slip, h) = (0.012, 0.6);
+    let j = Complex::<f64>::i();
+    let rotor = Complex::new(0.02 / slip, 0.12);
+    let impedance = Complex::new(0.03, 0.1) + j * 3.0 * rotor / (j * 3.0 + rotor);
+    let k = impedance.inv().re;
+    let (xs, xm, xr) = (0.1 * k, 3.0 * k, 0.12 * k);
+    let (x, x_prime) = (xs + xm, xs + xm * xr / (xm + xr));
+    let open_circuit_s = (xr + xm) / (W0 * 0.02 * k);
+    let inertia = 2.0 * h / k / W0;
+    let mut circuit = Circuit {
+        stator: Complex::new(0.03 * k, x_prime),
+        magnetising: xm,
+        rotor_self: xr + xm,
+        rotor_resistance: 0.02 * k,
+        inertia,
+        torque: 0.0,
+    };
+    let current = (impedance * k).inv();
+    let rotor_current = -current * j * 3.0 / (j * 3.0 + rotor);
+    let mut state = (current * xm + rotor_current * (xr + xm), -slip * W0);
+    circuit.torque = circuit.torque(Complex::new(1.0, 0.0), state.0);
+
+    let input = contract::a_dip(0.55, -0.15);
+    let structure = Structure::zip_im().with("stator_resistance").unwrap();
+    let model = ComposedModel::new(&structure);
+    let strength = 1.0 / x_prime - 1.0 / x;
+    let alpha = x / (x_prime * open_circuit_s);
+    let nu = strength / inertia;
+    let parameters = [
+        alpha.ln(),
+        nu.ln(),
+        2.0 / strength,
+        1.0,
+        0.0,
+        0.0,
+        1.0 / x,
+        0.0,
+        0.03 * k,
+        x,
+    ];
+    let drive = Drive {
+        terminal: &input,
+        frequency_deviation: &[],
+        reactive_at_rest: -current.im,
+    };
+    let out = model.simulate(&parameters, &[], &drive).unwrap();
+
+    const PARTS: usize = 16;
+    let fine_s = input.sample_interval_s / input.points_per_sample as f64;
+    let phasor = |i: usize| Complex::new(input.real[i], input.imaginary[i]);
+    let mut outputs = input.output_points().into_iter().enumerate().peekable();
+    let mut worst = 0.0_f64;
+    for i in 0..input.real.len() {
+        if let Some((k, _)) = outputs.next_if(|(_, point)| *point == i) {
+            let power = phasor(i) * circuit.stator_current(phasor(i), state.0).conj();
+            worst = worst.max((out.active[k] - power.re).abs());
+            worst = worst.max((out.reactive[k] - power.im).abs());
+        }
+        if i + 1 == input.real.len() {
+            break;
+        }
+        let between =
+            |part: usize| phasor(i) + (phasor(i + 1) - phasor(i)) * (part as f64 / PARTS as f64);
+        for part in 0..PARTS {
+            let u = [between(part), between(part + 1)];
+            state = circuit.step(u, state, fine_s / PARTS as f64);
+        }
+    }
+    assert!(worst < 5e-5, "{worst:e}");
 }
 
 #[test]

@@ -46,11 +46,7 @@ const DECLARATION: Declaration = Declaration {
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.03]),
         Parameter::shape(["first_voltage", "V_a", "1"], [0.55, 0.8, 0.95], 0.06),
         Parameter::shape(["span", "s", "1"], [0.02, 0.12, 0.3], 0.06),
-        Parameter::positive_shape(
-            ["restrike_s", "T", "s"],
-            [0.05, 1.5, 300.0],
-            [0.405_465_108_108_164_4, 1.5],
-        ),
+        Parameter::positive_shape(["restrike_s", "T", "s"], [0.05, 1.5, 300.0], 1.5),
         Parameter::shape(["reactive_ratio", "t", "1"], [0.0, 0.5, 1.2], 0.2),
     ],
     states: &[

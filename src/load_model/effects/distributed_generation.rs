@@ -17,7 +17,7 @@
 //! that stays off. Below `V_mc` again, what has returned is off at once. No reactive power: inverters
 //! of this kind run at power factor 1. Not included: frequency trip, current limit while on.
 //!
-//! Source: logic of PVD1 and DER_A in the WECC composite load model (values Vt0 .88, Vl1 .49, Tvl0 .16 s
+//! Source: logic of PVD1 and `DER_A` in the WECC composite load model (values Vt0 .88, Vl1 .49, Tvl0 .16 s
 //! not verified). A ramp of 1000 s means no return within any window.
 
 use super::relay;
@@ -45,21 +45,9 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "G", "1"], [0.2, 1.0, 0.02]),
         Parameter::shape(["voltage", "V_mc", "1"], [0.4, 0.75, 0.94], 0.12),
-        Parameter::positive_shape(
-            ["delay_s", "T_mc", "s"],
-            [0.003, 0.02, 0.5],
-            [-3.912_023_005_428_146, 0.8],
-        ),
-        Parameter::positive_shape(
-            ["return_delay_s", "T_d", "s"],
-            [0.01, 0.1, 10.0],
-            [-2.302_585_092_994_045_5, 1.5],
-        ),
-        Parameter::positive_shape(
-            ["ramp_s", "T_r", "s"],
-            [0.1, 2.0, 1000.0],
-            [0.693_147_180_559_945_3, 2.0],
-        ),
+        Parameter::positive_shape(["delay_s", "T_mc", "s"], [0.003, 0.02, 0.5], 0.8),
+        Parameter::positive_shape(["return_delay_s", "T_d", "s"], [0.01, 0.1, 10.0], 1.5),
+        Parameter::positive_shape(["ramp_s", "T_r", "s"], [0.1, 2.0, 1000.0], 2.0),
         Parameter::shape(["staying_off", "o", "1"], [0.0, 0.1, 1.0], 0.3),
     ],
     states: &[

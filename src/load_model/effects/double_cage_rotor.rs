@@ -12,7 +12,7 @@
 //! i = (u - e'')/(r + j x''),   de''/dt = j s (e'' - e') + de'/dt + (e' - e'' + j (x' - x'') i)/T''       (1)
 //! ```
 //!
-//! Source: equations of PSAT's fifth-order motor as in OpenIPSL `MotorTypeV.mo` (verified); T'' about
+//! Source: equations of PSAT's fifth-order motor as in `OpenIPSL` `MotorTypeV.mo` (verified); T'' about
 //! 2 ms open-circuit and L'' .7 to .87 of L' in MOTORW records (not verified).
 
 use crate::{
@@ -37,11 +37,7 @@ const DECLARATION: Declaration = Declaration {
     version: 1,
     parameters: &[
         Parameter::one_sided(["reduction", "c", "1"], [0.25, 0.7, 0.08]),
-        Parameter::positive_shape(
-            ["time_constant_s", "T''", "s"],
-            [0.002, 0.012, 0.1],
-            [-4.422_848_629_194_137, 0.7],
-        ),
+        Parameter::positive_shape(["time_constant_s", "T''", "s"], [0.002, 0.012, 0.1], 0.7),
         MOTOR_REACTANCE,
     ],
     states: &[],

@@ -15,7 +15,7 @@
 //! dP = F (c - 1),   dQ = t F (c - 1)                                                   (3)
 //! ```
 //!
-//! Source: equations as in Dynawo's `ElectronicLoad.mo` (verified; there V_min is filtered with 10 ms),
+//! Source: equations as in Dynawo's `ElectronicLoad.mo` (verified; there `V_min` is filtered with 10 ms),
 //! which follows the WECC composite load model; Vd1 .7, Vd2 .5, frcel .8 from memory. The ratio `t` is
 //! zero there; it is left open here for supplies without power factor correction.
 

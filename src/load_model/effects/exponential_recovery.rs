@@ -20,7 +20,7 @@
 //! hardly moves `z`, so that (2) acts as part of the static load.
 //!
 //! Source: Karlsson and Hill, IEEE Trans. Power Syst. 9(1), 1994 (from memory); the same equations in
-//! PowerDynamics.jl `ExponentialRecoveryLoad.jl` (verified). Values T 60-300 s, a_s 0-.4, a_t 1.5-2.3 not
+//! PowerDynamics.jl `ExponentialRecoveryLoad.jl` (verified). Values T 60-300 s, `a_s` 0-.4, `a_t` 1.5-2.3 not
 //! verified.
 
 use super::lag::lag;
@@ -45,11 +45,7 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::two_sided(["active_gain", "k_p", "1"], [-2.0, 0.8, 2.0, 0.1]),
         Parameter::two_sided(["reactive_gain", "k_q", "1"], [-3.0, 0.8, 3.0, 0.15]),
-        Parameter::positive_shape(
-            ["time_constant_s", "T", "s"],
-            [0.15, 4.0, 300.0],
-            [1.386_294_361_119_890_6, 1.5],
-        ),
+        Parameter::positive_shape(["time_constant_s", "T", "s"], [0.15, 4.0, 300.0], 1.5),
     ],
     states: &[State {
         name: "lagged_voltage",

@@ -13,8 +13,8 @@
 //! dP = w P_p (k - 1),   dQ = w Q_p (k - 1)                                         (2)
 //! ```
 //!
-//! Source: (1) with p = PQBRAK = .7 is characteristic 1 of PSS/E's loads as in OpenIPSL `PSSE/BaseClasses/
-//! baseLoad.mo` (verified). Constant-current load has no conversion there. Below p/2 it is an impedance.
+//! Source: (1) with p = PQBRAK = .7 is characteristic 1 of PSS/E's loads as in `OpenIPSL`,
+//! `PSSE/BaseClasses/baseLoad.mo` (verified). Constant-current load has no conversion there. Below p/2 it is an impedance.
 
 use crate::{
     load_model::{

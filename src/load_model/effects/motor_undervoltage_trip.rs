@@ -51,17 +51,9 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.3, 1.0, 0.03]),
         Parameter::shape(["trip_voltage", "V_tr", "1"], [0.4, 0.7, 0.94], 0.12),
-        Parameter::positive_shape(
-            ["trip_time_s", "T_tr", "s"],
-            [0.005, 0.04, 0.5],
-            [-3.218_875_824_868_201, 0.7],
-        ),
+        Parameter::positive_shape(["trip_time_s", "T_tr", "s"], [0.005, 0.04, 0.5], 0.7),
         Parameter::shape(["return_voltage", "V_rc", "1"], [0.5, 0.8, 0.95], 0.1),
-        Parameter::positive_shape(
-            ["return_time_s", "T_rc", "s"],
-            [0.02, 5.0, 300.0],
-            [1.609_437_912_434_100_3, 3.0],
-        ),
+        Parameter::positive_shape(["return_time_s", "T_rc", "s"], [0.02, 5.0, 300.0], 3.0),
         MOTOR_REACTANCE,
     ],
     states: &[

@@ -39,11 +39,7 @@ const DECLARATION: Declaration = Declaration {
     version: 1,
     parameters: &[
         Parameter::one_sided(["share", "w", "1"], [0.5, 1.0, 0.1]),
-        Parameter::positive_shape(
-            ["half_width_s", "h", "s"],
-            [0.004, 0.02, 0.1],
-            [-3.912_023_005_428_146, 0.7],
-        ),
+        Parameter::positive_shape(["half_width_s", "h", "s"], [0.004, 0.02, 0.1], 0.7),
     ],
     states: &[],
     acts_on: &[Place::Measurement],

@@ -41,16 +41,8 @@ const DECLARATION: Declaration = Declaration {
     version: 1,
     parameters: &[
         Parameter::one_sided(["share", "K_2", "1"], [0.2, 0.7, 0.03]),
-        Parameter::positive_shape(
-            ["alpha_per_s", "alpha_2", "1/s"],
-            [1.0, 30.0, 300.0],
-            [3.401_197_381_662_155, 1.0],
-        ),
-        Parameter::positive_shape(
-            ["nu_per_s2", "nu_2", "1/s^2"],
-            [5.0, 2500.0, 40_000.0],
-            [7.824_046_010_856_292, 1.3],
-        ),
+        Parameter::positive_shape(["alpha_per_s", "alpha_2", "1/s"], [1.0, 30.0, 300.0], 1.0),
+        Parameter::positive_shape(["nu_per_s2", "nu_2", "1/s^2"], [5.0, 2500.0, 40_000.0], 1.3),
         Parameter::shape(["kappa", "kappa_2", "1"], [0.05, 0.35, 0.95], 0.15),
     ],
     states: &[
@@ -103,16 +95,14 @@ impl Declared for SecondMotor {
     }
 }
 
-fn motor<S: Elementary>(p: &[S]) -> Result<Motor<S>, Infeasible> {
+fn motor<S: Elementary>(p: &[S], rest: &Rest<S>) -> Result<Motor<S>, Infeasible> {
     let coordinates = MotorCoordinates {
         alpha_per_s: p[1],
         nu_per_s2: p[2],
         kappa: p[3],
     };
-    // The synchronous speed only stops a rotor from turning backwards; a group of motors that gets
-    // that far has left the model anyway.
-    const SYNCHRONOUS_RAD_S: f64 = 314.0;
-    Motor::new(&MotorDescription::new(coordinates, SYNCHRONOUS_RAD_S))
+    let synchronous = rest.synchronous_speed_rad_s;
+    Motor::new(&MotorDescription::new(coordinates, synchronous))
 }
 
 fn state<S: Elementary>(x: &[S]) -> MotorState<S> {
@@ -124,9 +114,9 @@ fn state<S: Elementary>(x: &[S]) -> MotorState<S> {
 }
 
 impl<S: Elementary> Equations<S> for SecondMotor {
-    fn initialise(&self, p: &[S], _rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
-        let rest = motor(p)?.rest;
-        x.copy_from_slice(&[rest.flux[0], rest.flux[1], rest.speed_rad_s]);
+    fn initialise(&self, p: &[S], rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
+        let state = motor(p, rest)?.rest;
+        x.copy_from_slice(&[state.flux[0], state.flux[1], state.speed_rad_s]);
         Ok(())
     }
 
@@ -134,15 +124,15 @@ impl<S: Elementary> Equations<S> for SecondMotor {
         p[1].value().hypot(p[2].value().sqrt())
     }
 
-    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
-        if let Ok(motor) = motor(p) {
+    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
+        if let Ok(motor) = motor(p, rest) {
             let next = motor.step(&state(x), step.phasor, step.duration_s); // (1), (2)
             x.copy_from_slice(&[next.flux[0], next.flux[1], next.speed_rad_s]);
         }
     }
 
-    fn power(&self, p: &[S], x: &[S], at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
-        let Ok(motor) = motor(p) else {
+    fn power(&self, p: &[S], x: &[S], at: &Instant<S>, rest: &Rest<S>) -> [S; 2] {
+        let Ok(motor) = motor(p, rest) else {
             return [S::constant(0.0); 2];
         };
         let [active, reactive] = motor.power(&state(x), at.phasor);

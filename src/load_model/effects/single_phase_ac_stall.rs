@@ -63,26 +63,10 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
         Parameter::shape(["stall_voltage", "V_st", "1"], [0.4, 0.62, 0.8], 0.06),
-        Parameter::positive_shape(
-            ["stall_time_s", "T_st", "s"],
-            [0.008, 0.035, 0.3],
-            [-3.352_407_217_492_723_7, 0.6],
-        ),
-        Parameter::positive_shape(
-            ["stalled_conductance", "G", "1"],
-            [2.0, 4.4, 8.0],
-            [1.481_604_540_924_215_5, 0.3],
-        ),
-        Parameter::positive_shape(
-            ["stalled_susceptance", "B", "1"],
-            [2.0, 4.0, 8.0],
-            [1.386_294_361_119_890_6, 0.3],
-        ),
-        Parameter::positive_shape(
-            ["thermal_time_s", "T_th", "s"],
-            [1.0, 10.0, 60.0],
-            [2.302_585_092_994_045_5, 0.8],
-        ),
+        Parameter::positive_shape(["stall_time_s", "T_st", "s"], [0.008, 0.035, 0.3], 0.6),
+        Parameter::positive_shape(["stalled_conductance", "G", "1"], [2.0, 4.4, 8.0], 0.3),
+        Parameter::positive_shape(["stalled_susceptance", "B", "1"], [2.0, 4.0, 8.0], 0.3),
+        Parameter::positive_shape(["thermal_time_s", "T_th", "s"], [1.0, 10.0, 60.0], 0.8),
         Parameter::shape(["restarting_share", "r", "1"], [0.0, 0.1, 1.0], 0.3),
     ],
     states: &[

@@ -15,7 +15,7 @@
 //!
 //! Source: torque exponent `etrq` of the motors A to C in the WECC composite load model (0 for A, 2 for B
 //! and C, not verified) and `torqueExponent` of Dynawo's fifth-order motor (verified by name). The
-//! polynomial of CIM6 and of PSAT's motors (`a + b w + c w^2`, verified in OpenIPSL) is close to (1) within a
+//! polynomial of CIM6 and of PSAT's motors (`a + b w + c w^2`, verified in `OpenIPSL`) is close to (1) within a
 //! few percent of speed.
 
 use crate::{

@@ -21,8 +21,8 @@
 //! the losses and the decay of the flux, and is all but unidentifiable. Not included: the
 //! stator's own transients (a hundredth of a second), which a phasor does not show either.
 //!
-//! Source: Kundur, "Power System Stability and Control" (1994), 7.2 (equations from memory, not
-//! verified; checked against the independent circuit of `truth::motor`, whose derivation differs).
+//! Source: Kundur, "Power System Stability and Control" (1994), 7.2 (equations from memory; checked
+//! against that circuit in `composed::tests`).
 
 use crate::{
     load_model::{

@@ -51,16 +51,8 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["step", "d", "1"], [0.006_25, 0.03, 0.002]),
         Parameter::shape(["half_band", "b", "1"], [0.003, 0.01, 0.03], 0.005),
-        Parameter::positive_shape(
-            ["delay_s", "T_d", "s"],
-            [0.3, 3.0, 60.0],
-            [1.098_612_288_668_109_8, 1.2],
-        ),
-        Parameter::positive_shape(
-            ["interval_s", "T_i", "s"],
-            [0.3, 3.0, 20.0],
-            [1.098_612_288_668_109_8, 0.8],
-        ),
+        Parameter::positive_shape(["delay_s", "T_d", "s"], [0.3, 3.0, 60.0], 1.2),
+        Parameter::positive_shape(["interval_s", "T_i", "s"], [0.3, 3.0, 20.0], 0.8),
     ],
     states: &[
         State {
@@ -174,12 +166,12 @@ mod tests {
             reactive_at_rest: 0.3,
         };
         let out = model.simulate(&p, &[], &drive).unwrap().active;
-        for (t, ratio) in [(1.4, 1.0), (2.0, 1.006_25), (2.9, 1.0125), (5.0, 1.0125)] {
-            let k = (t * 60.0_f64).round() as usize;
+        // 1.4, 2, 2.9 and 5 s at 60 samples per second.
+        for (k, ratio) in [(84, 1.0), (120, 1.006_25), (174, 1.0125), (300, 1.0125)] {
             let expected = (0.98_f64 * ratio).powi(2);
             assert!(
                 (out[k] - expected).abs() < 1e-6,
-                "{t} s: {} {expected}",
+                "{k}: {} {expected}",
                 out[k]
             );
         }
