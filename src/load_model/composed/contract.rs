@@ -289,8 +289,9 @@ fn neutral_equals_absent_bit_for_bit() {
                     .iter()
                     .zip(&reference.active_derivatives[*w]);
                 for (x, y) in pairs {
-                    // Two formulations of one motor, each with its own error of integration.
-                    assert!((x - y).abs() < 1e-4, "{}: {x} {y}", name(effect));
+                    // Two formulations of one motor, with steps of different length: the derivatives
+                    // of the shallower steps are good to about 1e-4.
+                    assert!((x - y).abs() < 3e-4, "{}: {x} {y}", name(effect));
                 }
             }
         }
@@ -373,11 +374,10 @@ fn the_derivative_at_neutral_is_that_of_the_sides_there_are() {
             };
             let one_sided = |h: f64| {
                 let [x, y, z] = [1.0, 2.0, 3.0].map(|by| at(by * h).active);
-                let slope = move |k: usize| {
+                move |k: usize| {
                     let (first, second) = ((y[k] - x[k]) / h, (z[k] - y[k]) / h);
                     first + 1.5 * (first - second)
-                };
-                slope
+                }
             };
             let right = one_sided(h);
             let left = (p.declaration.lower < 0.0).then(|| one_sided(-h));

@@ -3,7 +3,7 @@
 use crate::load_model::{TerminalInput, terminal::DENSE_POINTS};
 
 /// Accuracy of the Runge-Kutta steps: `rate * step <= this` (measured by a test of `composed`).
-const RATE_TIMES_STEP_MAX: f64 = 0.25;
+const RATE_TIMES_STEP_MAX: f64 = 0.5;
 /// Substeps per sample at most.
 const SUBSTEPS_MAX: usize = 256;
 

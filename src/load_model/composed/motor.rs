@@ -211,11 +211,13 @@ impl<S: Elementary> Motor<S> {
         Ok(())
     }
 
-    /// The fastest rate of the motor, 1/s.
+    /// The fastest rate of the motor in a state, 1/s: decay of the flux, swing, and the turning of
+    /// the flux against the frame, which is fast in a stalled motor.
     #[must_use]
-    pub fn rate_per_s(&self) -> f64 {
-        let swing = self.nu.value().max(0.0).sqrt();
-        let mut rate = self.alpha.value().hypot(swing);
+    pub fn rate_per_s(&self, state: &MotorState<S>) -> f64 {
+        let (decay, turning) = (self.alpha.value(), state.speed_rad_s.value());
+        let swing_square = self.nu.value().max(0.0);
+        let mut rate = (decay * decay + turning * turning + swing_square).sqrt();
         if let Some([difference, inverse_time]) = self.detail.second_cage {
             let gain = 1.0 + difference.value() * complex::modulus(self.admittance).value();
             rate = rate.max(inverse_time.value() * gain);

@@ -122,7 +122,7 @@ pub(super) fn run<S: Pass>(
         Network::new(&feeder, drive.reactive_at_rest, linear[0], &rest.motor)
     });
     let mut states = vec![S::constant(0.0); effects.last().map_or(0, Active::end)];
-    let mut rate_per_s = rest.motor.rate_per_s();
+    let mut rate_per_s = 0.0_f64;
     for e in acting(Place::States) {
         let own = states.get_mut(e.first_state..e.end()).unwrap_or(&mut []);
         e.equations.initialise(&e.parameters, &rest, own)?;
@@ -235,7 +235,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
             if sample + 1 == terminal.sample_count() {
                 break;
             }
-            let (substeps, outputs) = grid.substeps(terminal, sample, rate);
+            let fastest = rate.max(self.rest.motor.rate_per_s(&now.motor));
+            let (substeps, outputs) = grid.substeps(terminal, sample, fastest);
             let duration_s = terminal.sample_interval_s / substeps as f64;
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);

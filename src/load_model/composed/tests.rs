@@ -102,6 +102,8 @@ struct Circuit {
 }
 
 const W0: f64 = 376.99;
+/// Steps of the circuit per fine grid point.
+const PARTS: usize = 16;
 
 impl Circuit {
     fn stator_current(&self, u: Complex<f64>, psi: Complex<f64>) -> Complex<f64> {
@@ -189,7 +191,6 @@ fn a_motor_with_stator_resistance_is_the_circuit_of_the_textbook() {
     };
     let out = model.simulate(&parameters, &[], &drive).unwrap();
 
-    const PARTS: usize = 16;
     let fine_s = input.sample_interval_s / input.points_per_sample as f64;
     let phasor = |i: usize| Complex::new(input.real[i], input.imaginary[i]);
     let mut outputs = input.output_points().into_iter().enumerate().peekable();
