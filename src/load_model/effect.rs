@@ -417,8 +417,9 @@ pub trait Equations<S: Elementary> {
         Ok(())
     }
 
-    /// The fastest rate of the states, 1/s: steps resolve it. Jumps and relays do not count.
-    fn rate_per_s(&self, _p: &[S]) -> f64 {
+    /// The fastest rate of the states as they are, 1/s: the steps to the next sample resolve it. Jumps
+    /// and relays do not count.
+    fn rate_per_s(&self, _p: &[S], _x: &[S], _rest: &Rest<S>) -> f64 {
         0.0
     }
 

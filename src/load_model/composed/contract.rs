@@ -399,6 +399,31 @@ fn the_derivative_at_neutral_is_that_of_the_sides_there_are() {
 }
 
 #[test]
+fn at_every_bound_there_is_a_finite_response_or_a_reason() {
+    let phasor = |t: f64| {
+        let inside = (0.5..0.75).contains(&t);
+        if inside { [0.25, -0.05] } else { [0.99, 0.0] }
+    };
+    let start = |t: f64| if t < 0.5 { [1.0, 0.0] } else { phasor(t) };
+    let input = lasting(7.0, start, &[0.5, 0.75]);
+    for effect in catalogue() {
+        let model = model_with(&[name(effect)]).unwrap();
+        for (i, p) in model.parameters().iter().enumerate() {
+            for bound in [p.declaration.lower, p.declaration.upper] {
+                let mut parameters = model.typical();
+                parameters[i] = bound;
+                match run(&model, &parameters, &[], &input) {
+                    Ok(_)
+                    | Err(SimulationError::Infeasible(_) | SimulationError::NoLoadVoltage { .. }) =>
+                        {}
+                    Err(error) => panic!("{}: {} = {bound}: {error}", name(effect), p.name),
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn any_two_effects_compose() {
     let input = a_dip(0.6, -0.1);
     for (i, one) in catalogue().iter().enumerate() {

@@ -122,11 +122,9 @@ pub(super) fn run<S: Pass>(
         Network::new(&feeder, drive.reactive_at_rest, linear[0], &rest.motor)
     });
     let mut states = vec![S::constant(0.0); effects.last().map_or(0, Active::end)];
-    let mut rate_per_s = 0.0_f64;
     for e in acting(Place::States) {
         let own = states.get_mut(e.first_state..e.end()).unwrap_or(&mut []);
         e.equations.initialise(&e.parameters, &rest, own)?;
-        rate_per_s = rate_per_s.max(e.equations.rate_per_s(&e.parameters));
     }
     let simulation = Simulation {
         drive,
@@ -148,7 +146,7 @@ pub(super) fn run<S: Pass>(
         effects: states,
         ratio: [S::constant(1.0), S::constant(0.0)],
     };
-    let mut output = simulation.integrate(grid, start, rate_per_s)?;
+    let mut output = simulation.integrate(grid, start)?;
     measure(drive, grid, effects, &mut output);
     match output.iter().flatten().position(|y| !y.value().is_finite()) {
         None => Ok(output),
@@ -222,12 +220,7 @@ fn frequency_series<S: Elementary>(drive: &Drive<'_>, grid: &Grid) -> Vec<S> {
 }
 
 impl<S: Pass> Simulation<'_, '_, S> {
-    fn integrate(
-        &self,
-        grid: &Grid,
-        mut now: Now<S>,
-        rate: f64,
-    ) -> Result<Output<S>, SimulationError> {
+    fn integrate(&self, grid: &Grid, mut now: Now<S>) -> Result<Output<S>, SimulationError> {
         let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
         let terminal = self.drive.terminal;
         for sample in 0..terminal.sample_count() {
@@ -235,8 +228,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             if sample + 1 == terminal.sample_count() {
                 break;
             }
-            let fastest = rate.max(self.rest.motor.rate_per_s(&now.motor));
-            let (substeps, outputs) = grid.substeps(terminal, sample, fastest);
+            let (substeps, outputs) = grid.substeps(terminal, sample, self.rate_per_s(&now));
             let duration_s = terminal.sample_interval_s / substeps as f64;
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
@@ -257,6 +249,15 @@ impl<S: Pass> Simulation<'_, '_, S> {
             }
         }
         Ok(output)
+    }
+
+    /// The fastest rate of all states, 1/s.
+    fn rate_per_s(&self, now: &Now<S>) -> f64 {
+        let effects = self.places.states.iter().map(|e| {
+            let own = e.own(&now.effects);
+            e.equations.rate_per_s(&e.parameters, own, &self.rest)
+        });
+        effects.fold(self.rest.motor.rate_per_s(&now.motor), f64::max)
     }
 
     /// The moment `share` of the way from an output instant to the next.

@@ -132,6 +132,10 @@ impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
         Ok(())
     }
 
+    fn rate_per_s(&self, _p: &[S], x: &[S], rest: &Rest<S>) -> f64 {
+        rest.motor.rate_per_s(&motor_state(x))
+    }
+
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
         let before = connected(x);
         let low = step.voltage.map(|v| relay::below(v, p[1]));

@@ -120,8 +120,8 @@ impl<S: Elementary> Equations<S> for SecondMotor {
         Ok(())
     }
 
-    fn rate_per_s(&self, p: &[S]) -> f64 {
-        p[1].value().hypot(p[2].value().sqrt())
+    fn rate_per_s(&self, p: &[S], x: &[S], rest: &Rest<S>) -> f64 {
+        motor(p, rest).map_or(0.0, |motor| motor.rate_per_s(&state(x)))
     }
 
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
