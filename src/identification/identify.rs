@@ -472,7 +472,7 @@ fn model_of(set: &ParameterSet) -> Result<FittedModel, IdentificationError> {
             .filter(|v| v.is_finite())
             .ok_or(IdentificationError::IncompleteSet { name: wanted })
     };
-    let structure = Structure::parse(&set.structure)?;
+    let structure = Structure::parse(&set.structure)?.plain()?;
     Ok(FittedModel {
         motor: MotorCoordinates {
             alpha_per_s: coordinate("ln_alpha")?.exp(),

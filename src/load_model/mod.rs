@@ -7,11 +7,15 @@
 //! feasibility do not depend on how much load is connected, and several events of one site share
 //! one set of parameters.
 
+pub mod composed;
+pub mod effect;
+pub mod effects;
 pub mod induction_motor;
 pub mod structure;
 pub mod terminal;
 pub mod zip_im;
 
+pub use composed::{ComposedModel, Drive, Response, SimulationError};
 pub use induction_motor::{Infeasible, MotorCoordinates, MotorOutput};
 pub use structure::Structure;
 pub use terminal::TerminalInput;

@@ -1,14 +1,16 @@
 //! Which parts a model is made of.
 
+use super::{effect::Effect, effects};
+
 /// A composed load model: `zip`, `induction_motor`, and effects. The parts are named as in the
 /// catalogue (`docs/effects`); the order is the order of the parameters.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Structure {
-    parts: Vec<&'static Part>,
+    parts: Vec<Part>,
 }
 
 /// A part of a model.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
     /// Name in configuration, JSON, file names.
     pub name: &'static str,
@@ -40,9 +42,26 @@ pub enum StructureError {
         /// The name.
         name: &'static str,
     },
+    /// Two parts that cannot be together.
+    #[error("`{name}` cannot be combined with `{other}`, because {reason}")]
+    Excluded {
+        /// The part that says so.
+        name: &'static str,
+        /// The other.
+        other: &'static str,
+        /// Why.
+        reason: &'static str,
+    },
+    /// A part that only the composed simulation knows.
+    #[error("`{name}` cannot be fitted by the plain path of ZIP and motor")]
+    NotPlain {
+        /// The name.
+        name: &'static str,
+    },
 }
 
-const CATALOGUE: &[Part] = &[
+/// Parts of every structure.
+const BASE: [Part; 2] = [
     Part {
         name: "zip",
         version: 1,
@@ -51,18 +70,31 @@ const CATALOGUE: &[Part] = &[
         name: "induction_motor",
         version: 1,
     },
-    Part {
-        name: "frequency_scaled_power",
-        version: 1,
-    },
 ];
+
+/// The effect that the plain path of the identification can simulate (with its typical parameter).
+const PLAIN_EFFECT: &str = "frequency_scaled_power";
+
+fn part(effect: &dyn Effect) -> Part {
+    let declaration = effect.declaration();
+    Part {
+        name: declaration.name,
+        version: declaration.version,
+    }
+}
+
+/// All parts there are, in the order of the catalogue.
+fn known() -> impl Iterator<Item = Part> {
+    let effects = effects::catalogue().iter().map(|e| part(*e));
+    BASE.into_iter().chain(effects)
+}
 
 impl Structure {
     /// The reference paper's model: static ZIP and third-order induction motor.
     #[must_use]
     pub fn zip_im() -> Self {
         Self {
-            parts: CATALOGUE.iter().take(2).collect(),
+            parts: BASE.to_vec(),
         }
     }
 
@@ -70,17 +102,14 @@ impl Structure {
     ///
     /// # Errors
     ///
-    /// [`StructureError`] for an unknown, repeated or absent part.
+    /// [`StructureError`] for an unknown, repeated or absent part, and for parts that exclude each
+    /// other.
     pub fn parse<T: AsRef<str>>(names: &[T]) -> Result<Self, StructureError> {
-        let mut parts: Vec<&'static Part> = Vec::new();
+        let mut parts: Vec<Part> = Vec::new();
         for name in names {
             let name = name.as_ref().trim();
-            let part = CATALOGUE.iter().find(|p| p.name == name).ok_or_else(|| {
-                let known = CATALOGUE
-                    .iter()
-                    .map(|p| p.name)
-                    .collect::<Vec<_>>()
-                    .join(", ");
+            let part = known().find(|p| p.name == name).ok_or_else(|| {
+                let known = known().map(|p| p.name).collect::<Vec<_>>().join(", ");
                 StructureError::Unknown {
                     name: name.to_owned(),
                     known,
@@ -93,12 +122,62 @@ impl Structure {
             }
             parts.push(part);
         }
-        for name in ["zip", "induction_motor"] {
+        for Part { name, .. } in BASE {
             if !parts.iter().any(|p| p.name == name) {
                 return Err(StructureError::Absent { name });
             }
         }
-        Ok(Self { parts })
+        let structure = Self { parts };
+        structure.check_exclusions()?;
+        Ok(structure)
+    }
+
+    /// This structure and one more effect.
+    ///
+    /// # Errors
+    ///
+    /// As [`Structure::parse`].
+    pub fn with(&self, effect: &str) -> Result<Self, StructureError> {
+        let mut names = self.names();
+        names.push(effect.to_owned());
+        Self::parse(&names)
+    }
+
+    /// Refuses a structure that the plain path of ZIP and motor would simulate without some part.
+    ///
+    /// # Errors
+    ///
+    /// [`StructureError::NotPlain`] with the first such part.
+    pub fn plain(self) -> Result<Self, StructureError> {
+        let more = self
+            .effects()
+            .find(|e| e.declaration().name != PLAIN_EFFECT);
+        match more {
+            None => Ok(self),
+            Some(effect) => Err(StructureError::NotPlain {
+                name: effect.declaration().name,
+            }),
+        }
+    }
+
+    fn check_exclusions(&self) -> Result<(), StructureError> {
+        for effect in self.effects() {
+            let declaration = effect.declaration();
+            let found = declaration.excludes.iter().find(|e| self.contains(e.other));
+            if let Some(exclusion) = found {
+                return Err(StructureError::Excluded {
+                    name: declaration.name,
+                    other: exclusion.other,
+                    reason: exclusion.reason,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The effects, in order.
+    pub fn effects(&self) -> impl Iterator<Item = &'static dyn Effect> {
+        self.parts.iter().filter_map(|p| effects::find(p.name))
     }
 
     /// Whether the structure has this part.
@@ -142,5 +221,28 @@ mod tests {
             Structure::parse(&["zap"]),
             Err(StructureError::Unknown { .. })
         ));
+    }
+
+    #[test]
+    fn the_plain_path_refuses_what_it_would_leave_out() {
+        let plain = Structure::zip_im().with("frequency_scaled_power").unwrap();
+        assert!(plain.clone().plain().is_ok());
+        let more = plain.with("second_motor").unwrap();
+        assert_eq!(
+            more.plain().unwrap_err(),
+            StructureError::NotPlain {
+                name: "second_motor"
+            }
+        );
+    }
+
+    #[test]
+    fn every_exclusion_names_an_effect_that_is_there() {
+        for effect in effects::catalogue() {
+            let declaration = effect.declaration();
+            for other in declaration.excludes {
+                assert!(effects::find(other.other).is_some(), "{}", declaration.name);
+            }
+        }
     }
 }

@@ -1,0 +1,67 @@
+//! What the equations of an effect get to see.
+
+use super::motor::Motor;
+
+/// What does not change during a simulation.
+#[derive(Clone, Copy, Debug)]
+pub struct Rest<S> {
+    /// `Q0/P0`.
+    pub reactive: f64,
+    /// Motor share of P0.
+    pub motor_share: S,
+    /// The motor.
+    pub motor: Motor<S>,
+    /// Constant-power part of the static load over P0, active and reactive.
+    pub static_constant: [S; 2],
+    /// Synchronous angular speed before the event, rad/s.
+    pub synchronous_speed_rad_s: f64,
+}
+
+/// One step of the states. Phasors and voltages are those at the load, 1 at rest.
+#[derive(Clone, Copy, Debug)]
+pub struct Step<S> {
+    /// Length, s.
+    pub duration_s: f64,
+    /// Phasor at the start, in the middle and at the end.
+    pub phasor: [[S; 2]; 3],
+    /// Its modulus there.
+    pub voltage: [S; 3],
+    /// Frequency deviation, pu, at the last output instant.
+    pub frequency_deviation: S,
+}
+
+/// One instant at which power is wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant<S> {
+    /// Time since the first sample, s.
+    pub time_s: f64,
+    /// Phasor at the load, 1 at rest.
+    pub phasor: [S; 2],
+    /// Its modulus.
+    pub voltage: S,
+    /// Frequency deviation, pu.
+    pub frequency_deviation: S,
+    /// Active and reactive power of the motor on its own initial power, magnetisation included.
+    pub motor: [S; 2],
+    /// Factor on the active power of every motor.
+    pub motor_active_factor: S,
+    /// Active power of the static part over P0.
+    pub static_active: S,
+}
+
+/// The measured series, on their way through an instrument.
+#[derive(Debug)]
+pub struct Series<'a, S> {
+    /// Output instants, s.
+    pub time_s: &'a [f64],
+    /// Whether the phasor jumps between an instant and the next.
+    pub jump: &'a [bool],
+    /// Measured phasor.
+    pub phasor: &'a [[f64; 2]],
+    /// `Q0/P0`.
+    pub reactive_at_rest: f64,
+    /// Active power over P0.
+    pub active: &'a mut Vec<S>,
+    /// Reactive power over P0.
+    pub reactive: &'a mut Vec<S>,
+}

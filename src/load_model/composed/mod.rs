@@ -1,0 +1,296 @@
+//! A load model composed of ZIP, motor and any effects, simulated over any terminal input.
+//!
+//! With `v = |u|`, all relative to P0 and V0 of the event:
+//!
+//! ```text
+//! P/P0 = 1     + K (p - 1)   + c_z (v^2 - 1) + c_i (v - 1) + sum of the effects' active power
+//! Q/P0 = Q0/P0 + K (q - q_0) + d_z (v^2 - 1) + d_i (v - 1) + sum of the effects' reactive power
+//! ```
+//!
+//! which is the plain model of `zip_im` when there is no effect. The plain model has a faster and
+//! more exact path of its own (`induction_motor`); this one is general. Both agree to 1e-4 of P0
+//! (tested).
+
+mod base;
+pub(super) mod complex;
+mod context;
+mod feeder;
+mod grid;
+mod motor;
+mod run;
+
+#[cfg(test)]
+pub(super) mod contract;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+
+pub use base::{BASE, BASE_PARAMETERS};
+pub use context::{Instant, Rest, Series, Step};
+pub use feeder::Feeder;
+pub use motor::{Motor, MotorDescription, MotorState};
+
+use super::{
+    Infeasible, LinearCoefficients, MotorCoordinates, Structure, TerminalInput,
+    effect::{Effect, LANES, Parameter, Role, Sensitivity},
+};
+use crate::numerics::Scalar;
+use grid::Grid;
+use run::{Active, Output, Pass};
+
+/// What drives a composed model in one event.
+#[derive(Clone, Copy, Debug)]
+pub struct Drive<'a> {
+    /// The phasor.
+    pub terminal: &'a TerminalInput,
+    /// Deviation of the frequency from that before the event over the nominal frequency, at every
+    /// output instant of the terminal input; empty when unknown (then 0).
+    pub frequency_deviation: &'a [f64],
+    /// `Q0/P0`.
+    pub reactive_at_rest: f64,
+}
+
+/// Power over P0 at the output instants of [`TerminalInput::output_points`], and its derivatives.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Response {
+    /// Active power.
+    pub active: Vec<f64>,
+    /// Reactive power.
+    pub reactive: Vec<f64>,
+    /// For each wanted parameter, in the order asked for, the derivative of the active power.
+    pub active_derivatives: Vec<Vec<f64>>,
+    /// The same of the reactive power.
+    pub reactive_derivatives: Vec<Vec<f64>>,
+}
+
+/// Why a composed model gives no response.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimulationError {
+    /// No steady state to start from.
+    #[error(transparent)]
+    Infeasible(#[from] Infeasible),
+    /// The network has no solution at some instant: the voltage at the load collapses.
+    #[error("no voltage at the load solves the network after output instant {output}")]
+    NoLoadVoltage {
+        /// Index of the output instant before it.
+        output: usize,
+    },
+    /// A power is not a number.
+    #[error("the power at output instant {output} is not finite")]
+    NotFinite {
+        /// Index of the output instant.
+        output: usize,
+    },
+    /// Wrong number of parameters.
+    #[error("{found} parameters given, the structure has {expected}")]
+    ParameterCount {
+        /// Expected number.
+        expected: usize,
+        /// Number given.
+        found: usize,
+    },
+    /// Derivatives with respect to a parameter that is not there.
+    #[error("derivatives wanted with respect to parameter {index} of {count}")]
+    NoSuchParameter {
+        /// The index.
+        index: usize,
+        /// Number of parameters.
+        count: usize,
+    },
+    /// The frequency deviation does not belong to the terminal input.
+    #[error("{found} frequency deviations given for {expected} output instants")]
+    FrequencyCount {
+        /// Number of output instants.
+        expected: usize,
+        /// Number given.
+        found: usize,
+    },
+}
+
+/// A parameter of a composed model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ModelParameter {
+    /// `name` of a base or shared parameter, `effect.name` of an effect's own.
+    pub name: String,
+    /// The effect it belongs to; `None` for base and shared parameters.
+    pub effect: Option<&'static str>,
+    /// Its declaration.
+    pub declaration: Parameter,
+}
+
+/// A composed model: a structure with its parameter vector.
+#[derive(Clone, Debug)]
+pub struct ComposedModel {
+    parameters: Arc<[ModelParameter]>,
+    /// The effects and where their parameters are in the vector.
+    effects: Vec<(&'static dyn Effect, Vec<usize>)>,
+}
+
+impl ComposedModel {
+    /// The model of a structure. The vector holds [`BASE`] and then the parameters of the effects in
+    /// the order of the structure; a shared one where it first appears.
+    #[must_use]
+    pub fn new(structure: &Structure) -> Self {
+        let mut parameters: Vec<ModelParameter> = BASE
+            .iter()
+            .map(|declaration| ModelParameter {
+                name: declaration.name.to_owned(),
+                effect: None,
+                declaration: *declaration,
+            })
+            .collect();
+        let mut effects = Vec::new();
+        for effect in structure.effects() {
+            let own = effect.declaration();
+            let places = own.parameters.iter().map(|p| {
+                let shared = p.role == Role::Shared;
+                let known = parameters.iter().position(|k| k.name == p.name);
+                if let (true, Some(index)) = (shared, known) {
+                    return index;
+                }
+                parameters.push(ModelParameter {
+                    name: if shared {
+                        p.name.to_owned()
+                    } else {
+                        format!("{}.{}", own.name, p.name)
+                    },
+                    effect: (!shared).then_some(own.name),
+                    declaration: *p,
+                });
+                parameters.len() - 1
+            });
+            effects.push((effect, places.collect()));
+        }
+        Self {
+            parameters: parameters.into(),
+            effects,
+        }
+    }
+
+    /// The parameters, in order.
+    #[must_use]
+    pub fn parameters(&self) -> &[ModelParameter] {
+        &self.parameters
+    }
+
+    /// Where a parameter is in the vector.
+    #[must_use]
+    pub fn index(&self, name: &str) -> Option<usize> {
+        self.parameters.iter().position(|p| p.name == name)
+    }
+
+    /// The vector in which every effect is absent and everything else typical.
+    #[must_use]
+    pub fn neutral(&self) -> Vec<f64> {
+        self.parameters
+            .iter()
+            .map(|p| p.declaration.neutral)
+            .collect()
+    }
+
+    /// The vector of typical values.
+    #[must_use]
+    pub fn typical(&self) -> Vec<f64> {
+        self.parameters
+            .iter()
+            .map(|p| p.declaration.typical)
+            .collect()
+    }
+
+    /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the
+    /// vector, any order). The values do not depend on what is wanted. Cost: one pass with `f64` and
+    /// one pass with [`Sensitivity`] for every [`LANES`] wanted parameters.
+    ///
+    /// An effect whose amplitudes are all neutral takes no part in the values; where one of its
+    /// amplitudes is wanted the derivative there is the one-sided one.
+    ///
+    /// # Errors
+    ///
+    /// See [`SimulationError`].
+    pub fn simulate(
+        &self,
+        parameters: &[f64],
+        wanted: &[usize],
+        drive: &Drive<'_>,
+    ) -> Result<Response, SimulationError> {
+        self.check(parameters, wanted, drive)?;
+        let grid = Grid::new(drive.terminal);
+        let [active, reactive] = self.pass(drive, &grid, |i| parameters[i], parameters, &[])?;
+        let mut response = Response {
+            active,
+            reactive,
+            ..Response::default()
+        };
+        for lanes in wanted.chunks(LANES) {
+            let variable = |i: usize| match lanes.iter().position(|w| *w == i) {
+                Some(lane) => Sensitivity::variable(parameters[i], lane),
+                None => Sensitivity::constant(parameters[i]),
+            };
+            let [active, reactive] = self.pass(drive, &grid, variable, parameters, lanes)?;
+            for lane in 0..lanes.len() {
+                let column = |y: &[Sensitivity]| y.iter().map(|y| y.derivatives[lane]).collect();
+                response.active_derivatives.push(column(&active));
+                response.reactive_derivatives.push(column(&reactive));
+            }
+        }
+        Ok(response)
+    }
+
+    fn check(
+        &self,
+        parameters: &[f64],
+        wanted: &[usize],
+        drive: &Drive<'_>,
+    ) -> Result<(), SimulationError> {
+        let count = self.parameters.len();
+        if parameters.len() != count {
+            return Err(SimulationError::ParameterCount {
+                expected: count,
+                found: parameters.len(),
+            });
+        }
+        if let Some(&index) = wanted.iter().find(|w| **w >= count) {
+            return Err(SimulationError::NoSuchParameter { index, count });
+        }
+        let (expected, found) = (
+            drive.terminal.output_count(),
+            drive.frequency_deviation.len(),
+        );
+        if found != 0 && found != expected {
+            return Err(SimulationError::FrequencyCount { expected, found });
+        }
+        Ok(())
+    }
+
+    fn pass<S: Pass>(
+        &self,
+        drive: &Drive<'_>,
+        grid: &Grid,
+        value: impl Fn(usize) -> S,
+        parameters: &[f64],
+        wanted: &[usize],
+    ) -> Result<Output<S>, SimulationError> {
+        let mut active: Vec<Active<'_, S>> = Vec::new();
+        for (effect, places) in &self.effects {
+            let own: Vec<f64> = places.iter().map(|&i| parameters[i]).collect();
+            let amplitude_wanted = places
+                .iter()
+                .any(|i| wanted.contains(i) && self.parameters[*i].declaration.is_amplitude());
+            if effect.declaration().is_neutral(&own) && !amplitude_wanted {
+                continue;
+            }
+            let first_state = active.last().map_or(0, Active::end);
+            let values = places.iter().map(|&i| value(i)).collect();
+            active.push(Active::new(*effect, values, first_state));
+        }
+        let motor = MotorCoordinates {
+            alpha_per_s: value(0).exp(),
+            nu_per_s2: value(1).exp(),
+            kappa: value(2),
+        };
+        let linear: [S; LinearCoefficients::COUNT] = std::array::from_fn(|i| value(3 + i));
+        run::run(drive, grid, motor, linear, &active)
+    }
+}

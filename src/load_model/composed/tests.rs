@@ -1,0 +1,269 @@
+//! The composed simulation against the plain kernel, and its own accuracy.
+
+use nalgebra::Complex;
+
+use super::{ComposedModel, Drive, SimulationError, contract};
+use crate::load_model::{
+    LinearCoefficients, MotorCoordinates, MotorOutput, Structure, TerminalInput,
+};
+
+fn plain_kernel(parameters: &[f64], input: &TerminalInput, q0: f64) -> [Vec<f64>; 2] {
+    let motor = MotorCoordinates {
+        alpha_per_s: parameters[0].exp(),
+        nu_per_s2: parameters[1].exp(),
+        kappa: parameters[2],
+    };
+    let mut out = MotorOutput::default();
+    motor.simulate(input, &mut out).unwrap();
+    let beta = LinearCoefficients::from_array(std::array::from_fn(|i| parameters[3 + i]));
+    let voltage = |i: usize| input.real[i].hypot(input.imaginary[i]);
+    let at: Vec<f64> = input.output_points().into_iter().map(voltage).collect();
+    let rest = out.reactive[0];
+    let active = (0..at.len()).map(|k| {
+        1.0 + beta.motor_share * (out.active[k] - 1.0)
+            + beta.active_quadratic * (at[k] * at[k] - 1.0)
+            + beta.active_linear * (at[k] - 1.0)
+    });
+    let reactive = (0..at.len()).map(|k| {
+        q0 + beta.motor_share * (out.reactive[k] - rest)
+            + beta.reactive_quadratic * (at[k] * at[k] - 1.0)
+            + beta.reactive_linear * (at[k] - 1.0)
+    });
+    [active.collect(), reactive.collect()]
+}
+
+fn largest_difference(x: &[f64], y: &[f64]) -> f64 {
+    assert_eq!(x.len(), y.len());
+    let pairs = x.iter().zip(y);
+    pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
+}
+
+#[test]
+fn without_effects_it_agrees_with_the_plain_kernel() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    // An ordinary motor, a light and fast one, a heavy and slow one, one close to pull-out.
+    let motors = [
+        [35.0_f64, 1300.0_f64, 0.36],
+        [120.0, 9000.0, 0.5],
+        [4.0, 60.0, 0.2],
+        [20.0, 700.0, 0.9],
+    ];
+    for depth in [0.8, 0.5] {
+        let input = contract::a_dip(depth, -0.1);
+        for [alpha, nu, kappa] in motors {
+            let mut parameters = model.typical();
+            parameters[..3].copy_from_slice(&[alpha.ln(), nu.ln(), kappa]);
+            let drive = Drive {
+                terminal: &input,
+                frequency_deviation: &[],
+                reactive_at_rest: 0.25,
+            };
+            let out = model.simulate(&parameters, &[], &drive).unwrap();
+            let [active, reactive] = plain_kernel(&parameters, &input, 0.25);
+            let p = largest_difference(&out.active, &active);
+            let q = largest_difference(&out.reactive, &reactive);
+            assert!(
+                p < 1e-4 && q < 1e-4,
+                "alpha {alpha}, depth {depth}: {p:e} {q:e}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_motor_with_every_detail_neutral_is_the_plain_one() {
+    let names = ["zip", "induction_motor", "stator_resistance"];
+    let detailed = ComposedModel::new(&Structure::parse(&names).unwrap());
+    let plain = ComposedModel::new(&Structure::zip_im());
+    let input = contract::a_dip(0.5, -0.1);
+    let drive = Drive {
+        terminal: &input,
+        frequency_deviation: &[],
+        reactive_at_rest: 0.25,
+    };
+    let mut parameters = detailed.neutral();
+    // Next to nothing, so that the detailed equations are used.
+    parameters[8] = 1e-9;
+    let one = detailed.simulate(&parameters, &[], &drive).unwrap();
+    let other = plain.simulate(&plain.typical(), &[], &drive).unwrap();
+    assert!(largest_difference(&one.active, &other.active) < 1e-7);
+    assert!(largest_difference(&one.reactive, &other.reactive) < 1e-7);
+}
+
+/// The motor as a circuit with rotor flux linkages, another derivation than that of
+/// `composed::motor`: `psi = x_m i_s + (x_r + x_m) i_r`, `dpsi/dt = -w0 r_r i_r + j (w - w0) psi`.
+struct Circuit {
+    stator: Complex<f64>,
+    magnetising: f64,
+    rotor_self: f64,
+    rotor_resistance: f64,
+    inertia: f64,
+    torque: f64,
+}
+
+const W0: f64 = 376.99;
+/// Steps of the circuit per fine grid point.
+const PARTS: usize = 16;
+
+impl Circuit {
+    fn stator_current(&self, u: Complex<f64>, psi: Complex<f64>) -> Complex<f64> {
+        let behind = Complex::<f64>::i() * psi * (self.magnetising / self.rotor_self);
+        (u - behind) / self.stator
+    }
+
+    fn torque(&self, u: Complex<f64>, psi: Complex<f64>) -> f64 {
+        let current = self.stator_current(u, psi);
+        self.magnetising / self.rotor_self * (psi.conj() * current).im
+    }
+
+    fn slopes(&self, u: Complex<f64>, (psi, slip): (Complex<f64>, f64)) -> (Complex<f64>, f64) {
+        let stator = self.stator_current(u, psi);
+        let rotor = (psi - stator * self.magnetising) / self.rotor_self;
+        let turning = Complex::<f64>::i() * psi * slip;
+        let surplus = self.torque(u, psi) - self.torque;
+        let loss = rotor * (W0 * self.rotor_resistance);
+        (turning - loss, surplus / self.inertia)
+    }
+
+    fn step(&self, u: [Complex<f64>; 2], x: (Complex<f64>, f64), h: f64) -> (Complex<f64>, f64) {
+        let middle = (u[0] + u[1]) * 0.5;
+        let ahead = |k: (Complex<f64>, f64), by: f64| (x.0 + k.0 * by, x.1 + k.1 * by);
+        let k1 = self.slopes(u[0], x);
+        let k2 = self.slopes(middle, ahead(k1, 0.5 * h));
+        let k3 = self.slopes(middle, ahead(k2, 0.5 * h));
+        let k4 = self.slopes(u[1], ahead(k3, h));
+        let mean = |a: f64, b: f64, c: f64, d: f64| (a + 2.0 * b + 2.0 * c + d) / 6.0;
+        let re = mean(k1.0.re, k2.0.re, k3.0.re, k4.0.re);
+        let im = mean(k1.0.im, k2.0.im, k3.0.im, k4.0.im);
+        let slip = mean(k1.1, k2.1, k3.1, k4.1);
+        (x.0 + Complex::new(re, im) * h, x.1 + slip * h)
+    }
+}
+
+#[test]
+fn a_motor_with_stator_resistance_is_the_circuit_of_the_textbook() {
+    // On the rating: r_s .03, x_s .1, x_m 3, x_r .12, r_r .02, H .6 s, slip .012. Scaling every
+    // impedance by the power at rest brings it to the base of its own initial power.
+    let (slip, h) = (0.012, 0.6);
+    let j = Complex::<f64>::i();
+    let rotor = Complex::new(0.02 / slip, 0.12);
+    let impedance = Complex::new(0.03, 0.1) + j * 3.0 * rotor / (j * 3.0 + rotor);
+    let k = impedance.inv().re;
+    let (xs, xm, xr) = (0.1 * k, 3.0 * k, 0.12 * k);
+    let (x, x_prime) = (xs + xm, xs + xm * xr / (xm + xr));
+    let open_circuit_s = (xr + xm) / (W0 * 0.02 * k);
+    let inertia = 2.0 * h / k / W0;
+    let mut circuit = Circuit {
+        stator: Complex::new(0.03 * k, x_prime),
+        magnetising: xm,
+        rotor_self: xr + xm,
+        rotor_resistance: 0.02 * k,
+        inertia,
+        torque: 0.0,
+    };
+    let current = (impedance * k).inv();
+    let rotor_current = -current * j * 3.0 / (j * 3.0 + rotor);
+    let mut state = (current * xm + rotor_current * (xr + xm), -slip * W0);
+    circuit.torque = circuit.torque(Complex::new(1.0, 0.0), state.0);
+
+    let input = contract::a_dip(0.55, -0.15);
+    let structure = Structure::zip_im().with("stator_resistance").unwrap();
+    let model = ComposedModel::new(&structure);
+    let strength = 1.0 / x_prime - 1.0 / x;
+    let alpha = x / (x_prime * open_circuit_s);
+    let nu = strength / inertia;
+    let parameters = [
+        alpha.ln(),
+        nu.ln(),
+        2.0 / strength,
+        1.0,
+        0.0,
+        0.0,
+        1.0 / x,
+        0.0,
+        0.03 * k,
+        x,
+    ];
+    let drive = Drive {
+        terminal: &input,
+        frequency_deviation: &[],
+        reactive_at_rest: -current.im,
+    };
+    let out = model.simulate(&parameters, &[], &drive).unwrap();
+
+    let fine_s = input.sample_interval_s / input.points_per_sample as f64;
+    let phasor = |i: usize| Complex::new(input.real[i], input.imaginary[i]);
+    let mut outputs = input.output_points().into_iter().enumerate().peekable();
+    let mut worst = 0.0_f64;
+    for i in 0..input.real.len() {
+        if let Some((k, _)) = outputs.next_if(|(_, point)| *point == i) {
+            let power = phasor(i) * circuit.stator_current(phasor(i), state.0).conj();
+            worst = worst.max((out.active[k] - power.re).abs());
+            worst = worst.max((out.reactive[k] - power.im).abs());
+        }
+        if i + 1 == input.real.len() {
+            break;
+        }
+        let between =
+            |part: usize| phasor(i) + (phasor(i + 1) - phasor(i)) * (part as f64 / PARTS as f64);
+        for part in 0..PARTS {
+            let u = [between(part), between(part + 1)];
+            state = circuit.step(u, state, fine_s / PARTS as f64);
+        }
+    }
+    assert!(worst < 5e-5, "{worst:e}");
+}
+
+#[test]
+fn wrong_arguments_are_named() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let input = contract::a_dip(0.5, -0.1);
+    let drive = Drive {
+        terminal: &input,
+        frequency_deviation: &[0.0],
+        reactive_at_rest: 0.25,
+    };
+    let simulate = |p: &[f64], w: &[usize], d: &Drive<'_>| model.simulate(p, w, d).unwrap_err();
+    let typical = model.typical();
+    assert!(matches!(
+        simulate(&typical, &[], &drive),
+        SimulationError::FrequencyCount { .. }
+    ));
+    let drive = Drive {
+        frequency_deviation: &[],
+        ..drive
+    };
+    assert!(matches!(
+        simulate(&typical[1..], &[], &drive),
+        SimulationError::ParameterCount { .. }
+    ));
+    assert!(matches!(
+        simulate(&typical, &[8], &drive),
+        SimulationError::NoSuchParameter { .. }
+    ));
+    let mut overloaded = typical;
+    overloaded[2] = 1.1;
+    assert!(matches!(
+        simulate(&overloaded, &[], &drive),
+        SimulationError::Infeasible(_)
+    ));
+}
+
+#[test]
+fn the_order_and_choice_of_wanted_parameters_change_no_number() {
+    let names = ["zip", "induction_motor", "second_motor"];
+    let model = ComposedModel::new(&Structure::parse(&names).unwrap());
+    let input = contract::a_dip(0.5, -0.1);
+    let drive = Drive {
+        terminal: &input,
+        frequency_deviation: &[],
+        reactive_at_rest: 0.25,
+    };
+    let parameters = model.typical();
+    let all: Vec<usize> = (0..parameters.len()).collect();
+    let every = model.simulate(&parameters, &all, &drive).unwrap();
+    let few = model.simulate(&parameters, &[9, 1], &drive).unwrap();
+    assert_eq!(few.active, every.active);
+    assert_eq!(few.active_derivatives[0], every.active_derivatives[9]);
+    assert_eq!(few.reactive_derivatives[1], every.reactive_derivatives[1]);
+}

@@ -1,0 +1,480 @@
+//! The contract of a physical effect: what it declares about itself, and where its equations act.
+//!
+//! An effect is something that may be missing in the model of ZIP and induction motor, or wrong in
+//! the instrument. Its declaration is the only place where its name, parameters, bounds and needs
+//! are written; configuration, JSON, manual and search read them from there. Its equations act at
+//! the places of [`Equations`], in this order:
+//!
+//! ```text
+//! measured phasor u -> gain (tap changer, angle of a late frequency channel) -> feeder -> load
+//! load: motor (its constants changed by the effect), static part, power added by the effect
+//! load -> feeder losses -> power at the measured bus -> instrument -> measured series
+//! ```
+//!
+//! Rules, tested over the whole catalogue by `composed::contract`:
+//! - At rest (`u = 1`, no frequency deviation) an effect adds exactly nothing, so P0 and Q0 hold.
+//! - With every amplitude at its neutral value the effect is absent, bit for bit.
+//! - Derivatives are exact for the numbers that come out: an equation is written once over
+//!   [`Elementary`] and run with `f64` and with [`Sensitivity`].
+
+use std::fmt::Debug;
+
+use super::{
+    Infeasible, MotorCoordinates,
+    composed::{Feeder, Instant, MotorDescription, Rest, Series, Step},
+};
+use crate::numerics::{Dual, Elementary};
+
+/// Derivatives carried by one pass; more wanted parameters take several passes.
+pub const LANES: usize = 8;
+
+/// The scalar of a sensitivity pass.
+pub type Sensitivity = Dual<LANES>;
+
+/// Whether an effect is a property of the load or of the instrument that looks at it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The load.
+    Physics,
+    /// The instrument; tested first, never reported as physics.
+    Instrument,
+}
+
+/// What a parameter's prior is normal in, and a search walks in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// The parameter itself.
+    Linear,
+    /// Its natural logarithm.
+    Logarithmic,
+}
+
+/// A weak normal prior: it decides only what the data leave open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prior {
+    /// Centre, in the parameter's own unit on either scale.
+    pub centre: f64,
+    /// Standard deviation, on the scale; infinite when nothing is known.
+    pub deviation: f64,
+    /// Linear or logarithmic.
+    pub scale: Scale,
+}
+
+/// What a parameter does to its effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Role {
+    /// At its neutral value, which is its lower bound, the effect is absent.
+    OneSidedAmplitude {
+        /// Smallest value worth reporting.
+        meaningful: f64,
+    },
+    /// At its neutral value the effect is absent; may have both signs.
+    TwoSidedAmplitude {
+        /// Smallest distance from the neutral value worth reporting.
+        meaningful: f64,
+    },
+    /// Meaningless while the amplitudes are neutral.
+    Shape,
+    /// A shape under one name for all effects that declare it: a structure holds it once.
+    Shared,
+    /// A parameter of ZIP and motor, in every structure.
+    Base,
+}
+
+/// One parameter of an effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parameter {
+    /// Name in configuration and JSON; the unit comes last.
+    pub name: &'static str,
+    /// Symbol in the file's equations.
+    pub symbol: &'static str,
+    /// Unit, `"1"` when dimensionless.
+    pub unit: &'static str,
+    /// Lower bound, inclusive.
+    pub lower: f64,
+    /// Upper bound, inclusive.
+    pub upper: f64,
+    /// Where an amplitude vanishes; for a shape, a value that does no harm (the typical one).
+    pub neutral: f64,
+    /// A common value, to start from.
+    pub typical: f64,
+    /// What is believed without data.
+    pub prior: Prior,
+    /// Amplitude or shape.
+    pub role: Role,
+}
+
+impl Parameter {
+    /// Whether the effect vanishes at the neutral value (of all its amplitudes).
+    #[must_use]
+    pub const fn is_amplitude(&self) -> bool {
+        matches!(
+            self.role,
+            Role::OneSidedAmplitude { .. } | Role::TwoSidedAmplitude { .. }
+        )
+    }
+
+    /// An amplitude between 0 and `upper` with the neutral value 0 and no prior.
+    #[must_use]
+    pub const fn one_sided(
+        [name, symbol, unit]: [&'static str; 3],
+        [typical, upper, meaningful]: [f64; 3],
+    ) -> Self {
+        Self {
+            name,
+            symbol,
+            unit,
+            lower: 0.0,
+            upper,
+            neutral: 0.0,
+            typical,
+            prior: Prior {
+                centre: 0.0,
+                deviation: f64::INFINITY,
+                scale: Scale::Linear,
+            },
+            role: Role::OneSidedAmplitude { meaningful },
+        }
+    }
+
+    /// An amplitude of either sign with the neutral value 0 and no prior.
+    #[must_use]
+    pub const fn two_sided(
+        [name, symbol, unit]: [&'static str; 3],
+        [lower, typical, upper, meaningful]: [f64; 4],
+    ) -> Self {
+        Self {
+            name,
+            symbol,
+            unit,
+            lower,
+            upper,
+            neutral: 0.0,
+            typical,
+            prior: Prior {
+                centre: 0.0,
+                deviation: f64::INFINITY,
+                scale: Scale::Linear,
+            },
+            role: Role::TwoSidedAmplitude { meaningful },
+        }
+    }
+
+    /// A shape with a normal prior around its typical value.
+    #[must_use]
+    pub const fn shape(
+        [name, symbol, unit]: [&'static str; 3],
+        [lower, typical, upper]: [f64; 3],
+        deviation: f64,
+    ) -> Self {
+        Self {
+            name,
+            symbol,
+            unit,
+            lower,
+            upper,
+            neutral: typical,
+            typical,
+            prior: Prior {
+                centre: typical,
+                deviation,
+                scale: Scale::Linear,
+            },
+            role: Role::Shape,
+        }
+    }
+
+    /// A positive shape whose logarithm has a normal prior around that of its typical value.
+    #[must_use]
+    pub const fn positive_shape(names: [&'static str; 3], range: [f64; 3], deviation: f64) -> Self {
+        let linear = Self::shape(names, range, deviation);
+        Self {
+            prior: Prior {
+                centre: linear.typical,
+                deviation,
+                scale: Scale::Logarithmic,
+            },
+            ..linear
+        }
+    }
+}
+
+/// The motor's reactance `X` on its own initial power and V0. A plain third-order motor does not
+/// need it (`1/x` is absorbed by a constant-impedance load); losses, coasting and saturation do.
+pub const MOTOR_REACTANCE: Parameter = Parameter {
+    role: Role::Shared,
+    ..Parameter::positive_shape(
+        ["motor_reactance", "x", "1"],
+        [0.8, TYPICAL_MOTOR_REACTANCE, 8.0],
+        0.5,
+    )
+};
+
+/// `X` where nothing declares it: about 3 pu on the rating, at 70 % loading.
+pub const TYPICAL_MOTOR_REACTANCE: f64 = 2.0;
+
+/// A state variable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct State {
+    /// Name.
+    pub name: &'static str,
+    /// Unit, `"1"` when dimensionless.
+    pub unit: &'static str,
+}
+
+/// Where the equations of an effect act; the simulation asks it nowhere else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// [`Equations::motor`].
+    Motor,
+    /// [`Equations::feeder`].
+    Feeder,
+    /// [`Equations::gain`].
+    Gain,
+    /// [`Equations::frequency`].
+    Frequency,
+    /// [`Equations::motor_active_factor`].
+    MotorActivePower,
+    /// [`Equations::power`].
+    Power,
+    /// [`Equations::advance`].
+    States,
+    /// [`Equations::measure`].
+    Measurement,
+}
+
+/// What the recordings must contain before the effect can be seen at all.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Needs {
+    /// A frequency (or angle) channel.
+    pub frequency: bool,
+    /// A voltage below this share of V0 somewhere.
+    pub voltage_below: Option<f64>,
+    /// A voltage above this share of V0 somewhere.
+    pub voltage_above: Option<f64>,
+    /// A frequency deviation of at least this, pu, outside the edges.
+    pub frequency_deviation: Option<f64>,
+    /// Length of the window after the event, s.
+    pub window_s: f64,
+    /// Reporting rate, frames per second.
+    pub rate_fps: f64,
+    /// What kind of event separates it from those it resembles.
+    pub separating_event: &'static str,
+}
+
+impl Needs {
+    /// A dip, two seconds, any rate.
+    pub const A_DIP: Self = Self {
+        frequency: false,
+        voltage_below: Some(0.95),
+        voltage_above: None,
+        frequency_deviation: None,
+        window_s: 2.0,
+        rate_fps: 25.0,
+        separating_event: "dips of different depth",
+    };
+}
+
+/// Another effect that cannot be in the same structure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Exclusion {
+    /// The other's name.
+    pub other: &'static str,
+    /// Why, as the end of the sentence "cannot be combined, because ...".
+    pub reason: &'static str,
+}
+
+/// Everything an effect says about itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Declaration {
+    /// Name, equal to the file name.
+    pub name: &'static str,
+    /// Title for people.
+    pub title: &'static str,
+    /// Physics or instrument.
+    pub kind: Kind,
+    /// Version of the equations; raised whenever the same parameters give another output.
+    pub version: u32,
+    /// Parameters, in the order in which the equations get them.
+    pub parameters: &'static [Parameter],
+    /// States, in the order in which the equations get them.
+    pub states: &'static [State],
+    /// Where the equations act.
+    pub acts_on: &'static [Place],
+    /// What it cannot be combined with.
+    pub excludes: &'static [Exclusion],
+    /// Effects that leave a similar residual.
+    pub resembles: &'static [&'static str],
+    /// What the recordings must contain.
+    pub needs: Needs,
+    /// Where equations and values come from, and what was not verified.
+    pub source: &'static str,
+}
+
+impl Declaration {
+    /// Whether the equations act at a place.
+    #[must_use]
+    pub fn acts_on(&self, place: Place) -> bool {
+        self.acts_on.contains(&place)
+    }
+
+    /// The shapes of its own, without shared ones.
+    pub fn shapes(&self) -> impl Iterator<Item = &'static Parameter> {
+        let own = |p: &&Parameter| matches!(p.role, Role::Shape);
+        self.parameters.iter().filter(own)
+    }
+
+    /// Whether these values, in the order of the parameters, make the effect vanish.
+    #[must_use]
+    pub fn is_neutral(&self, values: &[f64]) -> bool {
+        let same = |(p, v): (&Parameter, &f64)| !p.is_amplitude() || p.neutral.eq(v);
+        self.parameters.iter().zip(values).all(same)
+    }
+}
+
+/// The page of an effect for manual and terminal: `header` (what the file says about it), the table
+/// of its parameters, what it needs and where it comes from. Markdown.
+#[must_use]
+pub fn page(declaration: &Declaration, header: &str) -> String {
+    let d = declaration;
+    let mut lines = vec![
+        format!("# {}", d.name),
+        String::new(),
+        header.trim().to_owned(),
+        String::new(),
+        "| parameter | symbol | unit | lower | typical | upper | role |".to_owned(),
+        "|---|---|---|---|---|---|---|".to_owned(),
+    ];
+    lines.extend(d.parameters.iter().map(|p| {
+        let role = match p.role {
+            Role::OneSidedAmplitude { meaningful } => {
+                format!(
+                    "amplitude, absent at {}, worth reporting from {meaningful}",
+                    p.neutral
+                )
+            }
+            Role::TwoSidedAmplitude { meaningful } => {
+                format!("amplitude of either sign, worth reporting from {meaningful}")
+            }
+            Role::Shape => "shape".to_owned(),
+            Role::Shared => "shape, shared by all effects that name it".to_owned(),
+            Role::Base => "base".to_owned(),
+        };
+        format!(
+            "| `{}` | {} | {} | {} | {} | {} | {role} |",
+            p.name, p.symbol, p.unit, p.lower, p.typical, p.upper
+        )
+    }));
+    let n = &d.needs;
+    let mut needs = vec![
+        format!("a window of {} s after the event", n.window_s),
+        format!("{} frames/s", n.rate_fps),
+    ];
+    if n.frequency {
+        needs.push("a frequency or angle channel".to_owned());
+    }
+    needs.extend(
+        n.voltage_below
+            .map(|v| format!("a voltage below {v} of V0")),
+    );
+    needs.extend(
+        n.voltage_above
+            .map(|v| format!("a voltage above {v} of V0")),
+    );
+    needs.extend(
+        n.frequency_deviation
+            .map(|f| format!("a frequency deviation of {f} pu")),
+    );
+    lines.extend([
+        String::new(),
+        format!("Needs: {}.", needs.join(", ")),
+        format!("Separated from its like by: {}.", n.separating_event),
+        format!("Resembles: {}.", d.resembles.join(", ")),
+        format!("Version {}. Source: {}.", d.version, d.source),
+        String::new(),
+    ]);
+    lines.join("\n")
+}
+
+/// Equations of an effect. `p` are its parameters and `x` its states, both in the declared order.
+/// Every method has a default that does nothing; only those named in
+/// [`Declaration::acts_on`] are called.
+pub trait Equations<S: Elementary> {
+    /// Changes the constants of the motor before its steady state is computed.
+    fn motor(&self, _p: &[S], _motor: &mut MotorDescription<S>) {}
+
+    /// The impedance between the measured bus and the load.
+    fn feeder(&self, _p: &[S]) -> Feeder<S> {
+        Feeder::none()
+    }
+
+    /// The states at rest; they are zero before the call.
+    ///
+    /// # Errors
+    ///
+    /// [`Infeasible`] when there is no steady state.
+    fn initialise(&self, _p: &[S], _rest: &Rest<S>, _x: &mut [S]) -> Result<(), Infeasible> {
+        Ok(())
+    }
+
+    /// The fastest rate of the states as they are, 1/s: the steps to the next sample resolve it. Jumps
+    /// and relays do not count.
+    fn rate_per_s(&self, _p: &[S], _x: &[S], _rest: &Rest<S>) -> f64 {
+        0.0
+    }
+
+    /// Complex factor on the phasor, 1 at rest.
+    fn gain(&self, _p: &[S], _x: &[S], _frequency_deviation: S, _rest: &Rest<S>) -> [S; 2] {
+        [S::constant(1.0), S::constant(0.0)]
+    }
+
+    /// Changes the frequency deviation (pu, at the output instants) that the other effects see.
+    fn frequency(&self, _p: &[S], _time_s: &[f64], _deviation: &mut [S]) {}
+
+    /// Takes the states over one step.
+    fn advance(&self, _p: &[S], _x: &mut [S], _step: &Step<S>, _rest: &Rest<S>) {}
+
+    /// Factor on the active power of every motor, 1 at rest.
+    fn motor_active_factor(&self, _p: &[S], _frequency_deviation: S) -> S {
+        S::constant(1.0)
+    }
+
+    /// Active and reactive power added, over P0, zero at rest.
+    fn power(&self, _p: &[S], _x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
+        [S::constant(0.0); 2]
+    }
+
+    /// Changes the measured series.
+    fn measure(&self, _p: &[S], _series: &mut Series<'_, S>) {}
+}
+
+/// What every effect file implements beside its equations.
+pub trait Declared: Debug + Send + Sync {
+    /// The declaration.
+    fn declaration(&self) -> &'static Declaration;
+
+    /// Values of the shapes (those of [`Declaration::shapes`], in order) at which a screen should
+    /// look for the effect while its amplitude is zero and the shapes cannot be estimated. May
+    /// depend on the motor found so far.
+    fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
+        vec![self.declaration().shapes().map(|p| p.typical).collect()]
+    }
+}
+
+/// An effect as the catalogue holds it: its declaration and its equations for the two scalars.
+pub trait Effect: Declared {
+    /// The equations for values.
+    fn plain(&self) -> &dyn Equations<f64>;
+    /// The equations for values and [`LANES`] derivatives.
+    fn with_sensitivities(&self) -> &dyn Equations<Sensitivity>;
+}
+
+impl<E: Declared + Equations<f64> + Equations<Sensitivity>> Effect for E {
+    fn plain(&self) -> &dyn Equations<f64> {
+        self
+    }
+
+    fn with_sensitivities(&self) -> &dyn Equations<Sensitivity> {
+        self
+    }
+}
