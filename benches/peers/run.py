@@ -29,6 +29,7 @@ def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--problems", type=int, default=300)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--step", type=int, default=1, help="every so many problems")
     parser.add_argument("--seed", type=int, default=2014, help="of the problems and the methods")
     parser.add_argument("--evaluations", type=int, default=3000, help="cap for each method")
     parser.add_argument("--form", choices=["reduced", "paper"], default="reduced")
@@ -48,13 +49,17 @@ def main():
         return
     scanned = minima_of_scan(options)
     records = []
-    for index in range(options.first, options.first + options.problems):
+    for index in indices(options):
         records.append(one_problem(library, options, index, scanned.get(index)))
         print(f"problem {index}: best {records[-1]['best']:.6g}", file=sys.stderr)
     print(table(records, options))
     if options.json:
         with open(options.json, "w", encoding="utf-8") as file:
             json.dump({"options": vars(options), "problems": records}, file, indent=1)
+
+
+def indices(options):
+    return [options.first + k * options.step for k in range(options.problems)]
 
 
 def minima_of_scan(options):
@@ -160,7 +165,7 @@ def quantile(values, share, shape):
 def check(library, options):
     """Gradients of both forms against central differences, residuals against values."""
     worst = {}
-    for index in range(options.first, options.first + options.problems):
+    for index in indices(options):
         problem = simulator.Problem(library, options.seed, index)
         for name in ("reduced", "paper"):
             form = problem.form(name)

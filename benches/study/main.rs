@@ -2,7 +2,7 @@
 //! beaten, does it find every solution, what does a fit cost, and does it give the same bytes twice.
 //!
 //! ```text
-//! cargo bench --bench study -- [--problems 300] [--seed 2014] [--first 0] [--objective plain|default]
+//! cargo bench --bench study -- [--problems 300] [--seed 2014] [--first 0] [--step 1] [--objective plain|default]
 //!     [--scan 20x18x8] [--threads 2] [--json FILE] [--export DIRECTORY] [--determinism]
 //! ```
 #![allow(
@@ -39,6 +39,7 @@ use report::{Found, Outcome};
 struct Settings {
     problems: usize,
     first: usize,
+    step: usize,
     seed: u64,
     objective: ProblemOptions,
     shape: [usize; 3],
@@ -155,6 +156,7 @@ impl Settings {
         let mut settings = Self {
             problems: 300,
             first: 0,
+            step: 1,
             seed: problems::PUBLISHED_SEED,
             objective: problems::plain_objective(),
             shape: [20, 18, 8],
@@ -169,6 +171,7 @@ impl Settings {
             match name.as_str() {
                 "--problems" => settings.problems = value()?.parse()?,
                 "--first" => settings.first = value()?.parse()?,
+                "--step" => settings.step = value()?.parse::<usize>()?.max(1),
                 "--seed" => settings.seed = value()?.parse()?,
                 "--threads" => settings.threads = value()?.parse()?,
                 "--scan" => settings.shape = shape(&value()?)?,
@@ -189,8 +192,10 @@ impl Settings {
         Ok(settings)
     }
 
-    fn indices(&self) -> std::ops::Range<usize> {
-        self.first..self.first + self.problems
+    fn indices(&self) -> Vec<usize> {
+        (0..self.problems)
+            .map(|k| self.first + k * self.step)
+            .collect()
     }
 }
 

@@ -26,6 +26,8 @@ const SAME_CURVES: f64 = 0.005;
 const SAME_CURVES_SHARE: f64 = 1e-5;
 /// Share above the best within which every solution must be found.
 const COMPLETE_WITHIN: f64 = 0.05;
+/// Share above the best within which it is counted how many are found.
+const COUNTED_WITHIN: f64 = 1.0;
 /// Share above the best at which it counts as beaten.
 const BEATEN: f64 = 1e-3;
 
@@ -34,7 +36,7 @@ const BEATEN: f64 = 1e-3;
 pub struct Found {
     pub x: [f64; 3],
     pub linear: [f64; 5],
-    pub motor_at_bound: bool,
+    pub without_motor: bool,
     pub objective: f64,
     pub tier: Option<usize>,
 }
@@ -51,6 +53,9 @@ pub struct Outcome {
     pub scan: Vec<Found>,
     /// Solutions of the scan within 5 % of the best that the fit lacks.
     pub missed: Vec<Found>,
+    /// Solutions of the scan within twice the best, and how many of them the fit lacks.
+    pub within_double: usize,
+    pub missed_within_double: usize,
     /// Solutions of the fit within 5 % of the best that the scan lacks.
     pub only_fit: Vec<Found>,
     pub fit_cpu_s: f64,
@@ -65,7 +70,8 @@ impl Found {
         Self {
             x: [x[0], x[1], x[2]],
             linear: point.linear,
-            motor_at_bound: point.linear_at_bound[0],
+            // Not at the upper one: there the motor is all that matters.
+            without_motor: point.linear_at_bound[0] && point.linear[0] < 0.5,
             objective: point.objective,
             tier,
         }
@@ -123,11 +129,14 @@ pub fn compare(
     let best = (fitted.iter().chain(&scanned))
         .map(|f| f.objective)
         .fold(f64::INFINITY, f64::min);
-    let limit = best + COMPLETE_WITHIN * best.max(OBJECTIVE_FLOOR);
-    let lacking = |list: &[Found], other: &[Found]| -> Vec<Found> {
+    let near = |list: &[Found], share: f64| -> Vec<Found> {
+        let limit = best + share * best.max(OBJECTIVE_FLOOR);
         let near = list.iter().filter(|f| f.objective <= limit);
-        near.filter(|f| !other.iter().any(|o| same(f, o, event)))
-            .cloned()
+        near.cloned().collect()
+    };
+    let lacking = |list: Vec<Found>, other: &[Found]| -> Vec<Found> {
+        list.into_iter()
+            .filter(|f| !other.iter().any(|o| same(f, o, event)))
             .collect()
     };
     let truth = DVector::from_column_slice(&problem.truth.parameters.coordinates());
@@ -137,8 +146,10 @@ pub fn compare(
         noise: problem.noise,
         second_motor: problem.truth.second_motor.is_some(),
         objective_of_truth: joint.point(&truth).map(|p| p.objective),
-        missed: lacking(&scanned, &fitted),
-        only_fit: lacking(&fitted, &scanned),
+        missed: lacking(near(&scanned, COMPLETE_WITHIN), &fitted),
+        within_double: near(&scanned, COUNTED_WITHIN).len(),
+        missed_within_double: lacking(near(&scanned, COUNTED_WITHIN), &fitted).len(),
+        only_fit: lacking(near(&fitted, COMPLETE_WITHIN), &scanned),
         fit: fitted,
         scan: scanned,
         ..Outcome::default()
@@ -164,8 +175,7 @@ fn same(a: &Found, b: &Found, event: &PreparedEvent) -> bool {
         return false;
     }
     // With the motor share at its least value the rest of the motor means nothing.
-    if a.motor_at_bound && b.motor_at_bound && (a.objective - b.objective).abs() < 0.02 * objective
-    {
+    if a.without_motor && b.without_motor && (a.objective - b.objective).abs() < 0.02 * objective {
         return true;
     }
     match (a.curves(event), b.curves(event)) {
@@ -180,20 +190,22 @@ fn same(a: &Found, b: &Found, event: &PreparedEvent) -> bool {
 /// The table and every failure, as markdown.
 pub fn print(outcomes: &[Outcome]) {
     println!(
-        "| family | problems | best beaten by > 0.1 % | solutions missed within 5 % | scan's best worse by > 0.1 % | solutions only the fit has | median fit CPU ms | 90 % | median directions |"
+        "| family | problems | best beaten by > 0.1 % | solutions missed within 5 % | missed within twice the best | scan's best worse by > 0.1 % | solutions only the fit has | median fit CPU ms | 90 % | median directions |"
     );
-    println!("|---|---|---|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|---|---|---|");
     for family in ["box", "table_1", "beyond", "all"] {
         let of: Vec<&Outcome> = (outcomes.iter())
             .filter(|o| family == "all" || o.family == family)
             .collect();
         let count = |is: &dyn Fn(&Outcome) -> bool| of.iter().filter(|o| is(o)).count();
         println!(
-            "| {family} | {} | {} | {} in {} | {} | {} | {:.1} | {:.1} | {:.0} |",
+            "| {family} | {} | {} | {} in {} | {} of {} | {} | {} | {:.1} | {:.1} | {:.0} |",
             of.len(),
             count(&|o| o.excess() > BEATEN),
             of.iter().map(|o| o.missed.len()).sum::<usize>(),
             count(&|o| !o.missed.is_empty()),
+            of.iter().map(|o| o.missed_within_double).sum::<usize>(),
+            of.iter().map(|o| o.within_double).sum::<usize>(),
             count(&|o| o.excess() < -BEATEN),
             of.iter().map(|o| o.only_fit.len()).sum::<usize>(),
             quantile(&of, 0.5, |o| 1e3 * o.fit_cpu_s),
@@ -251,7 +263,7 @@ pub fn write_json(file: &Path, seed: u64, outcomes: &[Outcome]) -> Result<(), Bo
             .map(|f| {
                 json!({
                     "objective": f.objective, "x": f.x, "linear": f.linear,
-                    "motor_at_bound": f.motor_at_bound, "tier": f.tier,
+                    "without_motor": f.without_motor, "tier": f.tier,
                 })
             })
             .collect()
@@ -262,6 +274,7 @@ pub fn write_json(file: &Path, seed: u64, outcomes: &[Outcome]) -> Result<(), Bo
                 "index": o.index, "family": o.family, "noise": o.noise,
                 "second_motor": o.second_motor, "objective_of_truth": o.objective_of_truth,
                 "excess": o.excess(), "fit": found(&o.fit), "scan": found(&o.scan),
+                "within_double": o.within_double, "missed_within_double": o.missed_within_double,
                 "missed": found(&o.missed), "only_fit": found(&o.only_fit),
                 "fit_cpu_s": o.fit_cpu_s, "scan_cpu_s": o.scan_cpu_s,
                 "directions": o.directions, "simulations": o.simulations,
