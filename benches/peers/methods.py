@@ -162,14 +162,18 @@ def multi_level_single_linkage(recorder, random):
     nlopt.srand(int(random.integers(1, 2**31)))
     unknowns = recorder.form.unknowns
 
-    def objective(x, gradient):
-        if gradient.size == 0:
-            return recorder.value(x)
-        value, slope = recorder.value_and_gradient(x)
-        gradient[:] = slope
-        return value
-
     while True:
+        start = recorder.start(random)
+        # SLSQP's line search wants an objective of order one.
+        scale = 1 / max(recorder.best, 1.0)
+
+        def objective(x, gradient, scale=scale):
+            if gradient.size == 0:
+                return scale * recorder.value(x)
+            value, slope = recorder.value_and_gradient(x)
+            gradient[:] = scale * slope
+            return scale * value
+
         local = nlopt.opt(nlopt.LD_SLSQP, unknowns)
         local.set_xtol_rel(1e-6)
         local.set_ftol_rel(1e-9)
@@ -180,8 +184,8 @@ def multi_level_single_linkage(recorder, random):
         solver.set_min_objective(objective)
         solver.set_maxeval(recorder.evaluations_max)
         try:
-            solver.optimize(recorder.start(random))
-        except (RuntimeError, nlopt.RoundoffLimited):
+            solver.optimize(start)
+        except (RuntimeError, nlopt.runtime_error, nlopt.RoundoffLimited):
             # SLSQP gives up now and then and takes MLSL with it: begin again elsewhere.
             pass
 

@@ -92,8 +92,9 @@ def one_problem(library, options, index, scan_best):
         best = min(best, value)
     enough = best + 1e-5 * max(best, OBJECTIVE_FLOOR) if not options.full else -float("inf")
     enough = enough if numpy.isfinite(best) else -float("inf")
-    for number, name in enumerate(options.methods):
-        seed = [options.seed, index, number]
+    for name in options.methods:
+        # The same starts whichever methods run beside it.
+        seed = [options.seed, index, list(methods.METHODS).index(name)]
         recorder, failure = methods.run(name, form, options.evaluations, enough, seed)
         runs[name] = {
             "best": recorder.best,

@@ -73,3 +73,45 @@ impl From<KnownTerminal> for PreparedEvent {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_follow_from_the_fine_grid() {
+        // Four samples, eight points each; the phasor halves and turns by 0.3 between 1 and 2.
+        let fine = |k: usize| {
+            if k < 12 {
+                [1.0, 0.0]
+            } else {
+                [0.5 * 0.3_f64.cos(), 0.5 * 0.3_f64.sin()]
+            }
+        };
+        let input = TerminalInput {
+            real: (0..=24).map(|k| fine(k)[0]).collect(),
+            imaginary: (0..=24).map(|k| fine(k)[1]).collect(),
+            points_per_sample: 8,
+            sample_interval_s: 0.02,
+            jumps: vec![false, true, false],
+            dense: vec![false; 3],
+            synchronous_speed_rad_s: 314.159,
+        };
+        let event = PreparedEvent::from(KnownTerminal {
+            id: "a".to_owned(),
+            input,
+            q0_over_p0: 0.2,
+            active: vec![1.0; 4],
+            reactive: vec![0.2; 4],
+            noise: [1e-3, 2e-3],
+            operating_point_deviation: 0.0,
+            event_start: 2,
+        });
+        assert_eq!(event.len(), 4);
+        assert!((event.voltage[1] - 1.0).abs() < 1e-15 && (event.voltage[2] - 0.5).abs() < 1e-15);
+        assert!((event.lowest_voltage - 0.5).abs() < 1e-15);
+        assert!((event.rate_fps - 50.0).abs() < 1e-9);
+        assert!((event.reactive_deviation[3] - 2e-3).abs() < 1e-18);
+        assert!(event.near_edge[1] && event.near_edge[2] && event.edges.is_empty());
+    }
+}
