@@ -12,6 +12,7 @@
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     missing_docs,
+    unreachable_pub,
     reason = "a bench prints its table and measures time"
 )]
 

@@ -100,7 +100,7 @@ impl PaperParameters {
         q0_over_p0 - motor
     }
 
-    /// Linear coefficients of (10) relative to P0: Kpm, c_z, c_i, d_z, d_i.
+    /// Linear coefficients of (10) relative to P0, in the order of `LinearCoefficients`.
     pub fn linear(&self, q0_over_p0: f64) -> [f64; 5] {
         let (p_zip0, q_zip0) = (1.0 - self.kpm, self.q_zip0(q0_over_p0));
         [

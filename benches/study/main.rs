@@ -12,6 +12,7 @@
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     missing_docs,
+    unreachable_pub,
     reason = "a study prints its tables and measures time"
 )]
 
@@ -23,7 +24,7 @@ mod problems;
 mod report;
 mod scan;
 
-use std::{error::Error, path::PathBuf};
+use std::{error::Error, fmt::Write as _, path::PathBuf};
 
 use loadmodeld::identification::{
     fit::{Fit, SearchOptions, fit},
@@ -148,7 +149,11 @@ fn hash_of_fits(settings: &Settings) -> String {
         })
         .collect();
     let digest = Sha256::digest(texts.concat());
-    digest.iter().map(|byte| format!("{byte:02x}")).collect()
+    digest.iter().fold(String::new(), |mut text, byte| {
+        // Writing to a string cannot fail.
+        write!(text, "{byte:02x}").ok();
+        text
+    })
 }
 
 impl Settings {
