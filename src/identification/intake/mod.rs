@@ -14,7 +14,7 @@ mod spikes;
 mod weights;
 
 pub use edges::Edge;
-pub use prepare::{IntakeOptions, PreparedEvent, prepare};
+pub use prepare::{IntakeOptions, KnownTerminal, PreparedEvent, prepare};
 
 use crate::disturbance::ScreeningReason;
 

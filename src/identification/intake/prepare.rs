@@ -11,6 +11,10 @@ use super::{
 use crate::{disturbance::Window, load_model::TerminalInput};
 use std::f64::consts::PI;
 
+mod known_terminal;
+
+pub use known_terminal::KnownTerminal;
+
 /// Settings of intake.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IntakeOptions {
