@@ -2,6 +2,7 @@
 //! identifiability, held-out validation, acceptance.
 
 pub mod comparison;
+pub mod composed;
 pub mod decision;
 pub mod edge_timing;
 pub mod errors;

@@ -152,7 +152,9 @@ impl Structure {
     ///
     /// [`StructureError::NotPlain`] with the first such part.
     pub fn plain(self) -> Result<Self, StructureError> {
-        let more = self.effects().find(|e| e.declaration().name != PLAIN_EFFECT);
+        let more = self
+            .effects()
+            .find(|e| e.declaration().name != PLAIN_EFFECT);
         match more {
             None => Ok(self),
             Some(effect) => Err(StructureError::NotPlain {

@@ -104,9 +104,9 @@ pub fn mean_decay<S: Scalar>(x: S) -> S {
     const SERIES_BELOW: f64 = 1e-2;
     if x.value().abs() < SERIES_BELOW {
         let term = |next: S, n: f64| x * (-1.0 / n) * next + 1.0;
-        let inner = (3..=7).rev().fold(S::constant(1.0), |acc, n| {
-            term(acc, f64::from(n))
-        });
+        let inner = (3..=7)
+            .rev()
+            .fold(S::constant(1.0), |acc, n| term(acc, f64::from(n)));
         return term(inner, 2.0);
     }
     ((-x).exp() * -1.0 + 1.0) / x

@@ -36,12 +36,28 @@ const UNKNOWN: [f64; 2] = [0.0, f64::INFINITY];
 /// coefficients of [`LinearCoefficients`](crate::load_model::LinearCoefficients). The bounds are
 /// those of the joint problem of `identification`, the priors on the static coefficients too.
 pub const BASE: [Parameter; BASE_PARAMETERS] = [
-    base(["ln_alpha", "ln alpha", "1"], [LN_HALF, 3.5, LN_300], UNKNOWN),
+    base(
+        ["ln_alpha", "ln alpha", "1"],
+        [LN_HALF, 3.5, LN_300],
+        UNKNOWN,
+    ),
     base(["ln_nu", "ln nu", "1"], [LN_HALF, 7.0, LN_40000], UNKNOWN),
     base(["kappa", "kappa", "1"], [0.01, 0.36, 0.995], UNKNOWN),
     base(["motor_share", "K", "1"], [0.02, 0.4, 0.95], UNKNOWN),
-    base(["active_quadratic", "c_z", "1"], [-0.4, 0.2, 1.2], [0.2, 1.0]),
+    base(
+        ["active_quadratic", "c_z", "1"],
+        [-0.4, 0.2, 1.2],
+        [0.2, 1.0],
+    ),
     base(["active_linear", "c_i", "1"], [-0.8, 0.2, 1.4], [0.2, 1.0]),
-    base(["reactive_quadratic", "d_z", "1"], [-1.5, 0.4, 2.0], [0.2, 1.0]),
-    base(["reactive_linear", "d_i", "1"], [-2.0, 0.1, 2.5], [0.2, 1.0]),
+    base(
+        ["reactive_quadratic", "d_z", "1"],
+        [-1.5, 0.4, 2.0],
+        [0.2, 1.0],
+    ),
+    base(
+        ["reactive_linear", "d_i", "1"],
+        [-2.0, 0.1, 2.5],
+        [0.2, 1.0],
+    ),
 ];

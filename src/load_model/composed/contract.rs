@@ -24,7 +24,10 @@ pub(crate) fn lasting(
     jump_times_s: &[f64],
 ) -> TerminalInput {
     let sample_interval_s = 1.0 / RATE_FPS;
-    let samples = 1 + (1..).take_while(|k| f64::from(*k) <= duration_s * RATE_FPS).count();
+    let samples = 1
+        + (1..)
+            .take_while(|k| f64::from(*k) <= duration_s * RATE_FPS)
+            .count();
     let grid: Vec<[f64; 2]> = (0..=(samples - 1) * POINTS)
         .map(|i| phasor(i as f64 * sample_interval_s / POINTS as f64))
         .collect();
@@ -110,7 +113,11 @@ fn declarations_are_complete() {
         assert!(!d.title.is_empty() && d.version >= 1, "{}", d.name);
         assert!(d.source.len() > 15, "{}: no source", d.name);
         assert!(!d.acts_on.is_empty(), "{}: acts nowhere", d.name);
-        assert!(d.needs.window_s > 0.0 && d.needs.rate_fps > 0.0, "{}", d.name);
+        assert!(
+            d.needs.window_s > 0.0 && d.needs.rate_fps > 0.0,
+            "{}",
+            d.name
+        );
         assert!(!d.needs.separating_event.is_empty(), "{}", d.name);
         assert!(
             d.parameters.iter().any(Parameter::is_amplitude),
@@ -126,7 +133,10 @@ fn declarations_are_complete() {
             assert!(p.prior.deviation > 0.0, "{who}: prior");
             match p.role {
                 Role::OneSidedAmplitude { meaningful } => {
-                    assert!(p.lower.eq(&p.neutral), "{who}: neutral is not the lower bound");
+                    assert!(
+                        p.lower.eq(&p.neutral),
+                        "{who}: neutral is not the lower bound"
+                    );
                     assert!(meaningful > 0.0 && meaningful < p.upper, "{who}");
                 }
                 Role::TwoSidedAmplitude { meaningful } => {
@@ -149,7 +159,11 @@ fn every_name_is_a_file_and_every_file_is_listed() {
         .unwrap();
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
     // A file path is relative to the workspace unless the module was given an absolute one.
-    let folder = if folder.is_absolute() { folder } else { root.join(folder) };
+    let folder = if folder.is_absolute() {
+        folder
+    } else {
+        root.join(folder)
+    };
     const BLOCKS: [&str; 5] = ["mod", "relay", "series", "lag", "share"];
     let mut files: Vec<String> = std::fs::read_dir(&folder)
         .unwrap()
@@ -288,7 +302,11 @@ fn compare_to_differences(
     let (plus, minus) = (at(h), at(-h));
     let channels = [
         (&plus.active, &minus.active, &exact.active_derivatives[i]),
-        (&plus.reactive, &minus.reactive, &exact.reactive_derivatives[i]),
+        (
+            &plus.reactive,
+            &minus.reactive,
+            &exact.reactive_derivatives[i],
+        ),
     ];
     for (plus, minus, exact) in channels {
         let largest = exact.iter().fold(0.0_f64, |m, d| m.max(d.abs()));

@@ -41,7 +41,10 @@ impl Grid {
     }
 
     /// Substeps between a sample and the next, a power of two, and the output instants among them.
-    #[allow(clippy::unused_self, reason = "kept beside what else belongs to the grid")]
+    #[allow(
+        clippy::unused_self,
+        reason = "kept beside what else belongs to the grid"
+    )]
     pub(super) fn substeps(
         &self,
         terminal: &TerminalInput,
@@ -65,7 +68,10 @@ impl Grid {
     }
 
     /// The phasor at the start, in the middle and at the end of a substep.
-    #[allow(clippy::unused_self, reason = "kept beside what else belongs to the grid")]
+    #[allow(
+        clippy::unused_self,
+        reason = "kept beside what else belongs to the grid"
+    )]
     pub(super) fn phasors(
         &self,
         terminal: &TerminalInput,

@@ -184,13 +184,19 @@ impl ComposedModel {
     /// The vector in which every effect is absent and everything else typical.
     #[must_use]
     pub fn neutral(&self) -> Vec<f64> {
-        self.parameters.iter().map(|p| p.declaration.neutral).collect()
+        self.parameters
+            .iter()
+            .map(|p| p.declaration.neutral)
+            .collect()
     }
 
     /// The vector of typical values.
     #[must_use]
     pub fn typical(&self) -> Vec<f64> {
-        self.parameters.iter().map(|p| p.declaration.typical).collect()
+        self.parameters
+            .iter()
+            .map(|p| p.declaration.typical)
+            .collect()
     }
 
     /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the

@@ -399,8 +399,7 @@ impl<S: Elementary> Motor<S> {
                 let [c_re, c_im] = state.second;
                 let apart = [c_re - e_re, c_im - e_im];
                 let second = [
-                    -(s * apart[1]) + flux[0]
-                        - (apart[0] + difference * current[1]) * inverse_time,
+                    -(s * apart[1]) + flux[0] - (apart[0] + difference * current[1]) * inverse_time,
                     s * apart[0] + flux[1] - (apart[1] - difference * current[0]) * inverse_time,
                 ]; // (5)
                 (state.second, second)
@@ -558,7 +557,11 @@ fn running_speed<S: Elementary>(
         speed = next;
     }
     Err(Infeasible {
-        violation: if slope.is_nan() { f64::NAN } else { missing.max(f64::MIN_POSITIVE) },
+        violation: if slope.is_nan() {
+            f64::NAN
+        } else {
+            missing.max(f64::MIN_POSITIVE)
+        },
         constraint: "(13), with losses",
     })
 }

@@ -112,10 +112,12 @@ pub(super) fn run<S: Pass>(
     };
     let mut frequency: Vec<S> = frequency_series(drive, grid);
     for e in acting(Place::Frequency) {
-        e.equations.frequency(&e.parameters, &grid.time_s, &mut frequency);
+        e.equations
+            .frequency(&e.parameters, &grid.time_s, &mut frequency);
     }
-    let feeder: Option<Feeder<S>> =
-        acting(Place::Feeder).next().map(|e| e.equations.feeder(&e.parameters));
+    let feeder: Option<Feeder<S>> = acting(Place::Feeder)
+        .next()
+        .map(|e| e.equations.feeder(&e.parameters));
     let mut states = vec![S::constant(0.0); effects.last().map_or(0, Active::end)];
     for e in acting(Place::States) {
         let own = states.get_mut(e.first_state..e.end()).unwrap_or(&mut []);
@@ -127,8 +129,7 @@ pub(super) fn run<S: Pass>(
     let pass = Pass1 {
         drive,
         slope_rest: motor.rest_power[1],
-        network: feeder
-            .map(|f| Network::new(&f, drive.reactive_at_rest, linear[0], &rest.motor)),
+        network: feeder.map(|f| Network::new(&f, drive.reactive_at_rest, linear[0], &rest.motor)),
         rest,
         linear,
         places: Places {
@@ -168,11 +169,20 @@ fn frequency_series<S: Elementary>(drive: &Drive<'_>, grid: &Grid) -> Vec<S> {
     if drive.frequency_deviation.is_empty() {
         return vec![S::constant(0.0); grid.time_s.len()];
     }
-    drive.frequency_deviation.iter().map(|f| S::constant(*f)).collect()
+    drive
+        .frequency_deviation
+        .iter()
+        .map(|f| S::constant(*f))
+        .collect()
 }
 
 impl<S: Pass> Pass1<'_, '_, S> {
-    fn integrate(&self, grid: &Grid, mut now: Now<S>, rate: f64) -> Result<Output<S>, SimulationError> {
+    fn integrate(
+        &self,
+        grid: &Grid,
+        mut now: Now<S>,
+        rate: f64,
+    ) -> Result<Output<S>, SimulationError> {
         let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
         let bare = self.network.is_none() && self.places.gain.is_empty();
         let terminal = self.drive.terminal;
@@ -274,7 +284,12 @@ impl<S: Pass> Pass1<'_, '_, S> {
         Ok(complex::quotient(own, u))
     }
 
-    fn load_phasor(&self, now: &Now<S>, u: [S; 2], index: usize) -> Result<[S; 2], SimulationError> {
+    fn load_phasor(
+        &self,
+        now: &Now<S>,
+        u: [S; 2],
+        index: usize,
+    ) -> Result<[S; 2], SimulationError> {
         let sent = self.sent(now, u, index);
         let Some(network) = &self.network else {
             return Ok(sent);
@@ -293,7 +308,12 @@ impl<S: Pass> Pass1<'_, '_, S> {
         })
     }
 
-    fn emit(&self, grid: &Grid, now: &Now<S>, output: &mut Output<S>) -> Result<(), SimulationError> {
+    fn emit(
+        &self,
+        grid: &Grid,
+        now: &Now<S>,
+        output: &mut Output<S>,
+    ) -> Result<(), SimulationError> {
         let index = output[0].len();
         let u = grid.phasor[index].map(S::constant);
         let time_s = grid.time_s[index];
@@ -343,9 +363,8 @@ impl<S: Pass> Pass1<'_, '_, S> {
         let from_voltage = c_z * square + c_i * line;
         let excess = motor_active - self.rest.motor.rest_power[0];
         let mut active = share * excess + from_voltage + 1.0;
-        let mut reactive = share * (motor[1] - self.slope_rest)
-            + (d_z * square + d_i * line)
-            + self.rest.reactive;
+        let mut reactive =
+            share * (motor[1] - self.slope_rest) + (d_z * square + d_i * line) + self.rest.reactive;
         if !self.places.power.is_empty() {
             let at = Instant {
                 time_s,

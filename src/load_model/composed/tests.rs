@@ -60,7 +60,10 @@ fn without_effects_it_agrees_with_the_plain_kernel() {
             let [active, reactive] = plain_kernel(&parameters, &input, 0.25);
             let p = largest_difference(&out.active, &active);
             let q = largest_difference(&out.reactive, &reactive);
-            assert!(p < 1e-4 && q < 1e-4, "alpha {alpha}, depth {depth}: {p:e} {q:e}");
+            assert!(
+                p < 1e-4 && q < 1e-4,
+                "alpha {alpha}, depth {depth}: {p:e} {q:e}"
+            );
         }
     }
 }

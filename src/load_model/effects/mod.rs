@@ -24,5 +24,8 @@ pub fn catalogue() -> &'static [&'static dyn Effect] {
 /// The effect of this name.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    CATALOGUE.iter().copied().find(|e| e.declaration().name == name)
+    CATALOGUE
+        .iter()
+        .copied()
+        .find(|e| e.declaration().name == name)
 }
