@@ -364,7 +364,7 @@ pub trait Equations<S: Elementary> {
     }
 
     /// Complex factor on the phasor, 1 at rest.
-    fn gain(&self, _p: &[S], _x: &[S], _frequency_deviation: S) -> [S; 2] {
+    fn gain(&self, _p: &[S], _x: &[S], _frequency_deviation: S, _rest: &Rest<S>) -> [S; 2] {
         [S::constant(1.0), S::constant(0.0)]
     }
 

@@ -1,9 +1,6 @@
 //! Which parts a model is made of.
 
-use super::{
-    effect::{Declared, Effect},
-    effects,
-};
+use super::{effect::Effect, effects};
 
 /// A composed load model: `zip`, `induction_motor`, and effects. The parts are named as in the
 /// catalogue (`docs/effects`); the order is the order of the parameters.

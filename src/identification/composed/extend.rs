@@ -17,6 +17,7 @@ use crate::{
         effects,
         structure::StructureError,
     },
+    numerics::local_solver,
 };
 
 /// How strongly the residual of a fitted model points at an effect, at one point of its grid.
@@ -60,6 +61,8 @@ pub enum ExtensionError {
 const STARTS: usize = 2;
 /// Shares of the proposed amplitude that are tried, until one lowers the objective.
 const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
+/// Calls of the objective with which the effect alone is brought near its optimum.
+const FIRST_STAGE_EVALUATIONS: u64 = 10;
 /// An amplitude starts within this share of its bounds.
 const START_WITHIN: f64 = 0.6;
 
@@ -292,8 +295,8 @@ impl Step<'_> {
             }
             let first = ComposedFitOptions {
                 rounds_max: 1,
-                local: crate::numerics::local_solver::Options {
-                    evaluations_max: 12,
+                local: local_solver::Options {
+                    evaluations_max: FIRST_STAGE_EVALUATIONS,
                     ..self.options.local
                 },
                 ..*self.options

@@ -18,7 +18,7 @@ use crate::{
 pub struct ComposedFitOptions {
     /// What varies from event to event.
     pub scatter: Scatter,
-    /// How often the covariances are renewed at most. Default 3; at least 1.
+    /// How often the covariances are renewed at most. Default 2; at least 1.
     pub rounds_max: usize,
     /// The rounds end when one lowers the objective by less than this share. Default 1e-3.
     pub settled_relative: f64,
@@ -30,11 +30,11 @@ impl Default for ComposedFitOptions {
     fn default() -> Self {
         Self {
             scatter: Scatter::default(),
-            rounds_max: 3,
+            rounds_max: 2,
             settled_relative: 1e-3,
             local: local_solver::Options {
-                evaluations_max: 60,
-                decrease_relative: 1e-6,
+                evaluations_max: 40,
+                decrease_relative: 1e-5,
                 step_relative: 1e-6,
                 ..local_solver::Options::default()
             },

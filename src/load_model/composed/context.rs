@@ -11,8 +11,10 @@ pub struct Rest<S> {
     pub motor_share: S,
     /// The motor.
     pub motor: Motor<S>,
-    /// Time between measured samples, s.
-    pub sample_interval_s: f64,
+    /// Constant-power part of the static load over P0, active and reactive.
+    pub static_constant: [S; 2],
+    /// Synchronous angular speed before the event, rad/s.
+    pub synchronous_speed_rad_s: f64,
 }
 
 /// One step of the states. Phasors and voltages are those at the load, 1 at rest.

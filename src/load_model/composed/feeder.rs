@@ -1,15 +1,14 @@
-//! A series impedance, with a capacitor at its far end, between the measured bus and the load.
+//! A series impedance between the measured bus and the load.
 //!
-//! In units of V0 and P0, with `Z = R + jX`, `B` the susceptance at the load and `u` the phasor at the
-//! measured bus:
+//! In units of V0 and P0, with `Z = R + jX` and `u` the phasor at the measured bus:
 //!
 //! ```text
-//! u_L = u - Z i,   i = conj((P_L + j Q_L)/u_L) + j B u_L              (1)
+//! u_L = u - Z i,   i = conj((P_L + j Q_L)/u_L)                       (1)
 //! P + j Q = u conj i                                                 (2)
 //! ```
 //!
 //! At rest `i0 = 1 - j Q0/P0`, so `u_L0 = 1 - Z i0` and the load draws what is left: P0 and Q0 hold. The
-//! load sees `u_L / u_L0`. (1) is solved by a fixed-point iteration in which the current through the
+//! load sees `u_L / u_L0`. A capacitor at the load is part of the load's `d_z`, exactly. (1) is solved by a fixed-point iteration in which the current through the
 //! motor's stator branch, nearly all of the feedback, is taken implicitly.
 
 use super::{complex, motor::Motor};
@@ -22,19 +21,15 @@ pub struct Feeder<S> {
     pub resistance: S,
     /// `X`.
     pub reactance: S,
-    /// `B`.
-    pub susceptance: S,
 }
 
 impl<S: Elementary> Feeder<S> {
     /// No feeder.
     #[must_use]
     pub fn none() -> Self {
-        let zero = S::constant(0.0);
         Self {
-            resistance: zero,
-            reactance: zero,
-            susceptance: zero,
+            resistance: S::constant(0.0),
+            reactance: S::constant(0.0),
         }
     }
 }
@@ -42,7 +37,7 @@ impl<S: Elementary> Feeder<S> {
 /// Steps of the iteration; it gains a digit or more per step where there is a solution.
 const STEPS_MAX: usize = 60;
 /// Steps after the value has converged, for the derivatives.
-const STEPS_AFTER: usize = 3;
+const STEPS_AFTER: usize = 2;
 /// Square of the voltage below which the current does not rise any further.
 const VOLTAGE_SQUARE_MIN: f64 = 0.01;
 
@@ -50,7 +45,6 @@ const VOLTAGE_SQUARE_MIN: f64 = 0.01;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Network<S> {
     impedance: [S; 2],
-    susceptance: S,
     /// `u_L0`.
     rest: [S; 2],
     /// Active and reactive power of the load at rest.
@@ -75,16 +69,13 @@ impl<S: Elementary> Network<S> {
         let rest = [one - drop[0], -drop[1]];
         let power = complex::product(rest, complex::conjugate(current));
         let square = complex::square(rest);
-        let rest_power = [power[0], power[1] + feeder.susceptance * square];
-        let scale = motor_share * rest_power[0] / square;
-        let [g, b] = motor.admittance.map(|y| y * scale);
-        let implicit = [g, b + feeder.susceptance];
+        let scale = motor_share * power[0] / square;
+        let implicit = motor.admittance.map(|y| y * scale);
         let loop_gain = complex::product(impedance, implicit);
         Self {
             impedance,
-            susceptance: feeder.susceptance,
             rest,
-            rest_power,
+            rest_power: power,
             rest_reactive,
             implicit,
             divisor: complex::inverse([loop_gain[0] + 1.0, loop_gain[1]]),
@@ -112,7 +103,7 @@ impl<S: Elementary> Network<S> {
             if !moved.is_finite() {
                 return None;
             }
-            if moved < 1e-12 {
+            if moved < 1e-11 {
                 after += 1;
                 if after > STEPS_AFTER {
                     return Some(complex::quotient(at, self.rest));
@@ -138,10 +129,6 @@ impl<S: Elementary> Network<S> {
         let active = self.rest_power[0] * load[0];
         let reactive = self.rest_power[1] + self.rest_power[0] * (load[1] + -self.rest_reactive);
         // conj(P + jQ) u / |u|^2
-        let drawn = complex::product([active, -reactive], at).map(|part| part * weight);
-        [
-            drawn[0] - self.susceptance * at[1],
-            drawn[1] + self.susceptance * at[0],
-        ]
+        complex::product([active, -reactive], at).map(|part| part * weight)
     }
 }

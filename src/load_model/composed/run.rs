@@ -70,14 +70,16 @@ struct Places<'r, 'a, S> {
 }
 
 /// All that stays the same during a pass.
-struct Pass1<'r, 'a, S> {
+struct Simulation<'r, 'a, S> {
     drive: &'r Drive<'r>,
+    time_s: &'r [f64],
     rest: Rest<S>,
     linear: [S; LinearCoefficients::COUNT],
     places: Places<'r, 'a, S>,
     network: Option<Network<S>>,
+    /// Whether the load sees another phasor than the measured one.
+    coupled: bool,
     frequency: Vec<S>,
-    slope_rest: S,
 }
 
 /// What moves during a pass.
@@ -85,6 +87,16 @@ struct Pass1<'r, 'a, S> {
 struct Now<S> {
     motor: MotorState<S>,
     effects: Vec<S>,
+    /// Phasor at the load over the measured one.
+    ratio: [S; 2],
+}
+
+/// An output instant, or somewhere before the next.
+#[derive(Clone, Copy)]
+struct Moment<S> {
+    index: usize,
+    /// Frequency deviation, pu.
+    deviation: S,
 }
 
 /// Active and reactive power over P0 at the output instants.
@@ -108,7 +120,11 @@ pub(super) fn run<S: Pass>(
         reactive: drive.reactive_at_rest,
         motor_share: linear[0],
         motor,
-        sample_interval_s: drive.terminal.sample_interval_s,
+        static_constant: [
+            -(linear[0] + linear[1] + linear[2]) + 1.0,
+            -(linear[0] * motor.rest_power[1] + linear[3] + linear[4]) + drive.reactive_at_rest,
+        ],
+        synchronous_speed_rad_s: drive.terminal.synchronous_speed_rad_s,
     };
     let mut frequency: Vec<S> = frequency_series(drive, grid);
     for e in acting(Place::Frequency) {
@@ -126,9 +142,9 @@ pub(super) fn run<S: Pass>(
     let rate = acting(Place::States)
         .map(|e| e.equations.rate_per_s(&e.parameters))
         .fold(motor.rate_per_s(), f64::max);
-    let pass = Pass1 {
+    let pass = Simulation {
         drive,
-        slope_rest: motor.rest_power[1],
+        time_s: &grid.time_s,
         network: feeder.map(|f| Network::new(&f, drive.reactive_at_rest, linear[0], &rest.motor)),
         rest,
         linear,
@@ -138,11 +154,15 @@ pub(super) fn run<S: Pass>(
             power: acting(Place::Power).collect(),
             states: acting(Place::States).collect(),
         },
+        coupled: [Place::Gain, Place::Feeder]
+            .iter()
+            .any(|place| acting(*place).next().is_some()),
         frequency,
     };
     let start = Now {
         motor: motor.rest,
         effects: states,
+        ratio: [S::constant(1.0), S::constant(0.0)],
     };
     let mut output = pass.integrate(grid, start, rate)?;
     let [active, reactive] = &mut output;
@@ -176,7 +196,7 @@ fn frequency_series<S: Elementary>(drive: &Drive<'_>, grid: &Grid) -> Vec<S> {
         .collect()
 }
 
-impl<S: Pass> Pass1<'_, '_, S> {
+impl<S: Pass> Simulation<'_, '_, S> {
     fn integrate(
         &self,
         grid: &Grid,
@@ -184,10 +204,9 @@ impl<S: Pass> Pass1<'_, '_, S> {
         rate: f64,
     ) -> Result<Output<S>, SimulationError> {
         let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
-        let bare = self.network.is_none() && self.places.gain.is_empty();
         let terminal = self.drive.terminal;
         for sample in 0..terminal.sample_count() {
-            self.emit(grid, &now, &mut output)?;
+            self.emit(grid, &mut now, &mut output)?;
             if sample + 1 == terminal.sample_count() {
                 break;
             }
@@ -196,17 +215,32 @@ impl<S: Pass> Pass1<'_, '_, S> {
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
                 let index = output[0].len() - 1;
-                if bare {
-                    self.advance_bare(&mut now, u, duration_s, index);
+                if self.coupled {
+                    // Substeps since the last output and per output interval.
+                    let each = substeps / outputs;
+                    let share = |j: usize| (j % each) as f64 / each as f64;
+                    let from = self.moment(index, share(j));
+                    let to = self.moment(index, share(j) + 1.0 / each as f64);
+                    self.advance_coupled(&mut now, u, duration_s, [from, to])?;
                 } else {
-                    self.advance_coupled(&mut now, u, duration_s, index)?;
+                    self.advance_bare(&mut now, u, duration_s, index);
                 }
                 if j + 1 < substeps && ((j + 1) * outputs).is_multiple_of(substeps) {
-                    self.emit(grid, &now, &mut output)?;
+                    self.emit(grid, &mut now, &mut output)?;
                 }
             }
         }
         Ok(output)
+    }
+
+    /// The moment `share` of the way from an output instant to the next.
+    fn moment(&self, index: usize, share: f64) -> Moment<S> {
+        let here = self.frequency[index];
+        let next = self.frequency.get(index + 1).map_or(here, |f| *f);
+        Moment {
+            index,
+            deviation: here + (next - here) * share,
+        }
     }
 
     /// A step in which the load sees the measured phasor.
@@ -240,22 +274,29 @@ impl<S: Pass> Pass1<'_, '_, S> {
         }
     }
 
-    /// A step in which the phasor at the load depends on the load: once with the ratio of the two
-    /// held, to find the ratio at the end, and once with the ratio going straight there.
+    /// A step in which the phasor at the load is not the measured one. Behind a feeder it depends on
+    /// the load: one step with the ratio of the two held finds the ratio at the end, and a second one
+    /// lets the ratio go straight there.
     fn advance_coupled(
         &self,
         now: &mut Now<S>,
         u: [[f64; 2]; 3],
         duration_s: f64,
-        index: usize,
+        [from, to]: [Moment<S>; 2],
     ) -> Result<(), SimulationError> {
         let measured = u.map(|u| u.map(S::constant));
-        let first = self.ratio(now, measured[0], index)?;
-        let mut trial = now.clone();
-        self.advance_with(&mut trial, measured, [first; 3], duration_s, index);
-        let last = self.ratio(&trial, measured[2], index)?;
+        let (first, last) = if self.network.is_some() {
+            let first = now.ratio;
+            let mut trial = now.clone();
+            self.advance_with(&mut trial, measured, [first; 3], duration_s, from.index);
+            (first, self.ratio(&trial, measured[2], to)?)
+        } else {
+            (self.gain(now, from), self.gain(now, to))
+        };
         let middle = complex::sum(first, last).map(|part| part * 0.5);
-        self.advance_with(now, measured, [first, middle, last], duration_s, index);
+        let ratios = [first, middle, last];
+        self.advance_with(now, measured, ratios, duration_s, from.index);
+        now.ratio = last;
         Ok(())
     }
 
@@ -274,60 +315,56 @@ impl<S: Pass> Pass1<'_, '_, S> {
     }
 
     /// Phasor at the load over the measured one.
-    fn ratio(&self, now: &Now<S>, u: [S; 2], index: usize) -> Result<[S; 2], SimulationError> {
+    fn ratio(&self, now: &Now<S>, u: [S; 2], at: Moment<S>) -> Result<[S; 2], SimulationError> {
         // Below this the phasor has no direction to turn.
         const MODULUS_MIN: f64 = 1e-6;
+        let gain = self.gain(now, at);
+        let Some(network) = &self.network else {
+            return Ok(gain);
+        };
         if complex::modulus(u).value() < MODULUS_MIN {
-            return Ok([S::constant(1.0), S::constant(0.0)]);
+            return Ok(now.ratio);
         }
-        let own = self.load_phasor(now, u, index)?;
+        let sent = complex::product(u, gain);
+        let guess = complex::product(u, now.ratio);
+        let own = network
+            .load_phasor(sent, guess, |own| self.load_power(now, own, at))
+            .ok_or(SimulationError::NoLoadVoltage { output: at.index })?;
         Ok(complex::quotient(own, u))
     }
 
-    fn load_phasor(
-        &self,
-        now: &Now<S>,
-        u: [S; 2],
-        index: usize,
-    ) -> Result<[S; 2], SimulationError> {
-        let sent = self.sent(now, u, index);
-        let Some(network) = &self.network else {
-            return Ok(sent);
-        };
-        network
-            .load_phasor(sent, sent, |own| self.load_power(now, own, index, 0.0))
-            .ok_or(SimulationError::NoLoadVoltage { output: index })
-    }
-
-    /// The phasor after tap changer and the like.
-    fn sent(&self, now: &Now<S>, u: [S; 2], index: usize) -> [S; 2] {
-        self.places.gain.iter().fold(u, |u, e| {
+    /// What tap changers and the like make of the phasor.
+    fn gain(&self, now: &Now<S>, at: Moment<S>) -> [S; 2] {
+        let none = [S::constant(1.0), S::constant(0.0)];
+        self.places.gain.iter().fold(none, |product, e| {
             let own = e.own(&now.effects);
-            let gain = e.equations.gain(&e.parameters, own, self.frequency[index]);
-            complex::product(u, gain)
+            let gain = e
+                .equations
+                .gain(&e.parameters, own, at.deviation, &self.rest);
+            complex::product(product, gain)
         })
     }
 
     fn emit(
         &self,
         grid: &Grid,
-        now: &Now<S>,
+        now: &mut Now<S>,
         output: &mut Output<S>,
     ) -> Result<(), SimulationError> {
         let index = output[0].len();
+        let at = self.moment(index, 0.0);
         let u = grid.phasor[index].map(S::constant);
-        let time_s = grid.time_s[index];
-        let [active, reactive] = if self.network.is_none() && self.places.gain.is_empty() {
+        let [active, reactive] = if self.coupled {
+            now.ratio = self.ratio(now, u, at)?;
+            let own = complex::product(u, now.ratio);
+            let load = self.load_power(now, own, at);
+            self.network.as_ref().map_or(load, |network| {
+                network.power(complex::product(u, self.gain(now, at)), own, load)
+            })
+        } else {
             let voltage = S::constant(grid.voltage[index]);
             let motor = self.rest.motor.power(&now.motor, grid.phasor[index]);
-            self.power(now, u, voltage, motor, index, time_s)
-        } else {
-            let own = self.load_phasor(now, u, index)?;
-            let load = self.load_power(now, own, index, time_s);
-            match &self.network {
-                None => load,
-                Some(network) => network.power(self.sent(now, u, index), own, load),
-            }
+            self.power(now, u, voltage, motor, at)
         };
         output[0].push(active);
         output[1].push(reactive);
@@ -335,9 +372,9 @@ impl<S: Pass> Pass1<'_, '_, S> {
     }
 
     /// Power over P0 of a load that sees `own`, as if it were at the measured bus.
-    fn load_power(&self, now: &Now<S>, own: [S; 2], index: usize, time_s: f64) -> [S; 2] {
+    fn load_power(&self, now: &Now<S>, own: [S; 2], at: Moment<S>) -> [S; 2] {
         let motor = self.rest.motor.power(&now.motor, own);
-        self.power(now, own, complex::modulus(own), motor, index, time_s)
+        self.power(now, own, complex::modulus(own), motor, at)
     }
 
     fn power(
@@ -346,11 +383,10 @@ impl<S: Pass> Pass1<'_, '_, S> {
         phasor: [S; 2],
         voltage: S,
         motor: [S; 2],
-        index: usize,
-        time_s: f64,
+        moment: Moment<S>,
     ) -> [S; 2] {
         let [share, c_z, c_i, d_z, d_i] = self.linear;
-        let deviation = self.frequency[index];
+        let deviation = moment.deviation;
         let factor = self
             .places
             .motor_active
@@ -363,11 +399,12 @@ impl<S: Pass> Pass1<'_, '_, S> {
         let from_voltage = c_z * square + c_i * line;
         let excess = motor_active - self.rest.motor.rest_power[0];
         let mut active = share * excess + from_voltage + 1.0;
-        let mut reactive =
-            share * (motor[1] - self.slope_rest) + (d_z * square + d_i * line) + self.rest.reactive;
+        let mut reactive = share * (motor[1] - self.rest.motor.rest_power[1])
+            + (d_z * square + d_i * line)
+            + self.rest.reactive;
         if !self.places.power.is_empty() {
             let at = Instant {
-                time_s,
+                time_s: self.time_s[moment.index],
                 phasor,
                 voltage,
                 frequency_deviation: deviation,

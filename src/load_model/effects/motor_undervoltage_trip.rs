@@ -1,0 +1,243 @@
+//! Undervoltage trip of motors, with or without return.
+//!
+//! Contactors and undervoltage relays take a share of the motors off when the voltage stays below
+//! their setting for a time; some close again when the voltage is back, others wait for a person.
+//!
+//! Missing, it leaves a step down in P and Q after clearing, with the motors' power factor, in the
+//! deep events only; with return, a second inrush when the motors, which have slowed down and lost
+//! their flux, are switched on again.
+//!
+//! A share `F` of the motors keeps states of its own. With `c` its connected share, 1 at rest, and
+//! the equations (1) to (4) of `composed::motor` in which the current is `c i`:
+//!
+//! ```text
+//! c  = 1 - latch(V < V_tr for T_tr) (1 - latch(V > V_rc for T_rc))           (1)
+//! dP = K F (c p' - p),  dQ = K F (c q' - q)                                  (2)
+//! ```
+//!
+//! with `p, q` of the motors that stay and `p', q'` of the share, magnetisation included. A return time
+//! beyond the window means no return. Two groups with different settings are not modelled.
+//!
+//! Source: settings Vtr, Ttr, Ftr, Vrc, Trc of motors A to C in the WECC composite load model and the
+//! two blocks of Dynawo's `BaseLoadMotorFifthOrder.mo` (names verified there; values .50-.70, .02 s,
+//! reconnection .65-.75 and .05-.1 s not verified). Coasting: (2) of `composed::motor` with i = 0.
+
+use super::relay;
+use crate::{
+    load_model::MotorCoordinates,
+    load_model::{
+        Infeasible,
+        composed::{Instant, MotorDescription, MotorState, Rest, Step},
+        effect::{
+            Declaration, Declared, Equations, Kind, MOTOR_REACTANCE, Needs, Parameter, Place, State,
+        },
+    },
+    numerics::Elementary,
+};
+
+/// Undervoltage trip of motors.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct MotorUndervoltageTrip;
+
+const fn state(name: &'static str, unit: &'static str) -> State {
+    State { name, unit }
+}
+
+const DECLARATION: Declaration = Declaration {
+    name: "motor_undervoltage_trip",
+    title: "Undervoltage trip of motors",
+    kind: Kind::Physics,
+    version: 1,
+    parameters: &[
+        Parameter::one_sided(["share", "F", "1"], [0.3, 1.0, 0.03]),
+        Parameter::shape(["trip_voltage", "V_tr", "1"], [0.4, 0.7, 0.94], 0.12),
+        Parameter::positive_shape(
+            ["trip_time_s", "T_tr", "s"],
+            [0.005, 0.04, 0.5],
+            [-3.218_875_824_868_201, 0.7],
+        ),
+        Parameter::shape(["return_voltage", "V_rc", "1"], [0.5, 0.8, 0.95], 0.1),
+        Parameter::positive_shape(
+            ["return_time_s", "T_rc", "s"],
+            [0.02, 5.0, 300.0],
+            [1.609_437_912_434_100_3, 3.0],
+        ),
+        MOTOR_REACTANCE,
+    ],
+    states: &[
+        state("trip_timer", "s"),
+        state("tripped", "1"),
+        state("return_timer", "s"),
+        state("returned", "1"),
+        state("flux_real", "1"),
+        state("flux_imaginary", "1"),
+        state("second_flux_real", "1"),
+        state("second_flux_imaginary", "1"),
+        state("speed", "rad/s"),
+    ],
+    acts_on: &[Place::Motor, Place::States, Place::Power],
+    excludes: &[],
+    resembles: &[
+        "self_disconnection",
+        "electronic_load_dropout",
+        "exponential_recovery",
+    ],
+    needs: Needs {
+        voltage_below: Some(0.9),
+        window_s: 5.0,
+        separating_event: "events on both sides of the threshold, and the power factor of what was \
+                           lost",
+        ..Needs::A_DIP
+    },
+    source: "WECC composite load model (values not verified); Dynawo BaseLoadMotorFifthOrder.mo \
+             (structure verified)",
+};
+
+impl Declared for MotorUndervoltageTrip {
+    fn declaration(&self) -> &'static Declaration {
+        &DECLARATION
+    }
+
+    fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
+        let mut points = Vec::new();
+        for voltage in [0.55, 0.65, 0.72, 0.8, 0.88] {
+            for return_time_s in [0.1, 1.5, 300.0] {
+                points.push(vec![voltage, 0.03, 0.8, return_time_s]);
+            }
+        }
+        points
+    }
+}
+
+fn motor_state<S: Elementary>(x: &[S]) -> MotorState<S> {
+    MotorState {
+        flux: [x[4], x[5]],
+        second: [x[6], x[7]],
+        speed_rad_s: x[8],
+    }
+}
+
+fn keep<S: Elementary>(x: &mut [S], motor: &MotorState<S>) {
+    let [a, b] = motor.flux;
+    let [c, d] = motor.second;
+    x[4..].copy_from_slice(&[a, b, c, d, motor.speed_rad_s]);
+}
+
+/// (1)
+fn connected<S: Elementary>(x: &[S]) -> S {
+    let returned = -x[3] + 1.0;
+    -(x[1] * returned) + 1.0
+}
+
+impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
+    fn motor(&self, p: &[S], motor: &mut MotorDescription<S>) {
+        motor.detailed = true;
+        motor.reactance = p[5];
+    }
+
+    fn initialise(&self, _p: &[S], rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
+        keep(x, &rest.motor.rest);
+        Ok(())
+    }
+
+    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
+        let before = connected(x);
+        let low = step.voltage.map(|v| relay::below(v, p[1]));
+        let high = step.voltage.map(|v| -relay::below(v, p[3]) + 1.0);
+        if let [trip_timer, tripped, return_timer, returned, ..] = x {
+            relay::latch([trip_timer, tripped], low, p[2], step.duration_s);
+            if tripped.value() > 0.0 {
+                relay::latch([return_timer, returned], high, p[4], step.duration_s);
+            }
+            if returned.value() >= 1.0 && low[2].value() <= 0.0 {
+                // Everything is on again, and the next dip finds the relays as the first did.
+                for state in [trip_timer, tripped, return_timer, returned] {
+                    *state = S::constant(0.0);
+                }
+            }
+        }
+        let share = (before + connected(x)) * 0.5;
+        let state = motor_state(x);
+        let next = rest
+            .motor
+            .connected_step(&state, step.phasor, share, step.duration_s);
+        keep(x, &next);
+    }
+
+    fn power(&self, p: &[S], x: &[S], at: &Instant<S>, rest: &Rest<S>) -> [S; 2] {
+        let share = connected(x);
+        let [active, reactive] = rest.motor.power(&motor_state(x), at.phasor);
+        let magnetising = rest.motor.susceptance * at.voltage * at.voltage;
+        let group = rest.motor_share * p[0];
+        [
+            group * (share * (active * at.motor_active_factor) - at.motor[0]),
+            group * (share * (reactive + magnetising) - at.motor[1]),
+        ] // (2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::load_model::{
+        ComposedModel, Drive, Structure,
+        composed::contract::{a_dip, lasting},
+    };
+
+    fn run(input: &crate::load_model::TerminalInput, change: &[(&str, f64)]) -> Vec<f64> {
+        let structure = Structure::zip_im().with("motor_undervoltage_trip").unwrap();
+        let model = ComposedModel::new(&structure);
+        let mut p = model.typical();
+        for (name, value) in change {
+            p[model
+                .index(&format!("motor_undervoltage_trip.{name}"))
+                .unwrap()] = *value;
+        }
+        let drive = Drive {
+            terminal: input,
+            frequency_deviation: &[],
+            reactive_at_rest: 0.3,
+        };
+        model.simulate(&p, &[], &drive).unwrap().active
+    }
+
+    #[test]
+    fn what_tripped_for_good_is_missing_at_the_end() {
+        // Motor share 0.4, of which 0.3 trip: 0.12 of P0 is missing when the rest has recovered.
+        let without = run(&a_dip(0.6, 0.0), &[("share", 0.0)]);
+        let with = run(
+            &a_dip(0.6, 0.0),
+            &[("share", 0.3), ("return_time_s", 300.0)],
+        );
+        let last = with.len() - 1;
+        assert!((without[last] - with[last] - 0.12).abs() < 2e-3);
+    }
+
+    #[test]
+    fn above_the_threshold_nothing_happens() {
+        let without = run(&a_dip(0.8, 0.0), &[("share", 0.0)]);
+        let with = run(&a_dip(0.8, 0.0), &[("share", 0.3)]);
+        for (x, y) in without.iter().zip(&with) {
+            assert!((x - y).abs() < 2e-5);
+        }
+    }
+
+    #[test]
+    fn motors_that_return_draw_an_inrush_and_settle_at_their_old_power() {
+        // On a constant torque they must be back before they have slowed down below pull-out.
+        let dip = |t: f64| {
+            let v = if (0.5..0.7).contains(&t) { 0.5 } else { 1.0 };
+            [v, 0.0]
+        };
+        let input = lasting(6.0, dip, &[0.5, 0.7]);
+        let change = [("share", 0.5), ("return_time_s", 0.2)];
+        let with = run(&input, &change);
+        let last = with[with.len() - 1];
+        assert!((last - 1.0).abs() < 1e-3, "{last}");
+        // Off between 0.54 and 0.9 s: 0.2 of P0; then with a slip that needs power to undo.
+        let without = run(&input, &[("share", 0.0)]);
+        let extra = |k: usize| with[k] - without[k];
+        let largest = (55..120).map(extra).fold(0.0, f64::max);
+        assert!(largest > 0.05, "{largest}");
+        assert!((extra(53) + 0.2).abs() < 0.03, "{}", extra(53));
+    }
+}

@@ -1,0 +1,95 @@
+//! Blocks for definite-time relays: a smooth condition, a timer, a latch.
+//!
+//! A relay as it is built compares, waits and switches, each without a slope; a model of it has no
+//! derivative with respect to its settings. A thousand relays at a substation have as many
+//! settings, so each of the three is spread a little, and only a little: a first-order lag in place
+//! of a definite time would let the load go while the voltage is still above the threshold.
+
+use crate::numerics::{
+    Scalar,
+    elementary::{larger, smooth_step},
+};
+
+/// Half width of the spread of a voltage threshold, pu. Chosen; small against the step between the
+/// depths of any two events, large against the noise of a voltage.
+pub(super) const VOLTAGE_SPREAD_PU: f64 = 0.008;
+
+/// Time over which a block switches after its delay, s: breakers of a group take 1 to 5 ms longer or
+/// shorter.
+const SWITCHING_S: f64 = 0.004;
+
+/// Exactly 1 where the voltage is well below the threshold, exactly 0 where it is well above.
+pub(super) fn below<S: Scalar>(voltage: S, threshold: S) -> S {
+    smooth_step((threshold - voltage) * (0.5 / VOLTAGE_SPREAD_PU) + 0.5)
+}
+
+/// The mean of a condition over a step, from its start, middle and end.
+pub(super) fn mean<S: Scalar>(condition: [S; 3]) -> S {
+    (condition[0] + condition[1] * 4.0 + condition[2]) * (1.0 / 6.0)
+}
+
+/// Runs a timer while its condition holds and resets it when the condition has gone.
+pub(super) fn run_timer<S: Scalar>(timer: &mut S, condition: [S; 3], duration_s: f64) {
+    if condition[2].value() > 0.0 {
+        *timer = *timer + mean(condition) * duration_s;
+    } else {
+        *timer = S::constant(0.0);
+    }
+}
+
+/// Share of a group that has switched when its timer shows `timer`.
+pub(super) fn switched<S: Scalar>(timer: S, delay_s: S) -> S {
+    smooth_step((timer - delay_s) * (1.0 / SWITCHING_S))
+}
+
+/// A definite-time relay with memory: `state` holds its timer and the share that has switched,
+/// which never falls by itself.
+pub(super) fn latch<S: Scalar>(state: [&mut S; 2], condition: [S; 3], delay_s: S, duration_s: f64) {
+    let [timer, latched] = state;
+    run_timer(timer, condition, duration_s);
+    *latched = larger(*latched, switched(*timer, delay_s));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_relay_switches_after_its_delay_and_stays() {
+        let (mut timer, mut latched) = (0.0, 0.0);
+        let step_s = 0.001;
+        let mut switched_at = None;
+        for k in 0..200 {
+            let voltage = if (50..120).contains(&k) { 0.5 } else { 1.0 };
+            let condition = [below(voltage, 0.7); 3];
+            latch([&mut timer, &mut latched], condition, 0.04, step_s);
+            if latched >= 1.0 && switched_at.is_none() {
+                switched_at = Some(k);
+            }
+        }
+        // 50 ms, 40 ms of delay, 4 ms of switching.
+        assert!(
+            switched_at.is_some_and(|k| (92..=95).contains(&k)),
+            "{switched_at:?}"
+        );
+        assert!(latched >= 1.0 && timer.abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_dip_shorter_than_the_delay_leaves_no_trace() {
+        let (mut timer, mut latched) = (0.0, 0.0);
+        for k in 0..100 {
+            let voltage = if (50..80).contains(&k) { 0.5 } else { 1.0 };
+            let condition = [below(voltage, 0.7); 3];
+            latch([&mut timer, &mut latched], condition, 0.04, 0.001);
+        }
+        assert!(latched.abs() < 1e-15 && timer.abs() < 1e-15);
+    }
+
+    #[test]
+    fn conditions_are_exact_away_from_the_threshold() {
+        assert_eq!(below(0.95_f64, 0.9).to_bits(), 0.0_f64.to_bits());
+        assert_eq!(below(0.85_f64, 0.9).to_bits(), 1.0_f64.to_bits());
+        assert!((below(0.9_f64, 0.9) - 0.5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,216 @@
+//! Single-phase air conditioners that stall.
+//!
+//! The compressors of residential air conditioners stop within two cycles when the voltage falls to
+//! about 60 %, and stay stalled when it is back: a locked rotor draws several times its normal power
+//! until its thermal relay opens, seconds later.
+//!
+//! Missing, it leaves P and Q far above their old values after clearing, by two to four times the share,
+//! that decay over 5 to 20 s. Fault-induced delayed voltage recovery is made of it.
+//!
+//! With `F` the share of P0, `s` the stalled part of it, `b` the part of that which has restarted and
+//! `k` the part that its thermal relay has left on, per unit of the group's own initial power:
+//!
+//! ```text
+//! run:    p = 1,                      q = q_r + 6 ((v - .86)^2 - .14^2)     v > .86          (1)
+//!         p = 1 + 12 (.86 - v)^3.2,   q = q_r - 6 .14^2 + 11 (.86 - v)^2.5  below            (2)
+//! stall:  p = G v^2,  q = B v^2                                                             (3)
+//! s = latch(v < V_st for T_st),  b = r latch(v > V_rs for T_rs)                              (4)
+//! T_th dh/dt = G v^2 - h,   k = 1 - (h - .7)/(1.9 - .7) within 0..1                          (5)
+//! dP = F ((1 - s + s b) p_run + s (1 - b) k p_stall - 1), dQ likewise                        (6)
+//! ```
+//!
+//! The running curves and the thermal thresholds are fixed: recordings do not determine them.
+//!
+//! Source: motor D of the WECC composite load model: Kq1 6, Nq1 2, Kp2 12, Np2 3.2, Kq2 11, Nq2 2.5, Vbrk .86, Rstall
+//! .124, Xstall .114, Tstall .033, Vstall .55-.65, Vrst .9-.95, Trst .3-.4, Th1t .7, Th2t 1.9, Tth 10-15 s (all from
+//! memory, not verified; power factor .97 at rest). Not included: frequency factors, contactors
+//! (`contactor_dropout`), undervoltage relays.
+
+use super::{lag::lag, relay};
+use crate::{
+    load_model::{
+        MotorCoordinates,
+        composed::{Instant, Rest, Step},
+        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+    },
+    numerics::{
+        Elementary,
+        elementary::{at_least, at_most, power},
+    },
+};
+
+/// Single-phase air conditioners that stall.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SinglePhaseAcStall;
+
+const BREAK_VOLTAGE: f64 = 0.86;
+/// Reactive over active power at rest, power factor .97.
+const REST_REACTIVE: f64 = 0.25;
+const THERMAL_FIRST: f64 = 0.7;
+const THERMAL_LAST: f64 = 1.9;
+const RESTART_VOLTAGE: f64 = 0.92;
+const RESTART_TIME_S: f64 = 0.35;
+
+const fn state(name: &'static str, unit: &'static str) -> State {
+    State { name, unit }
+}
+
+const DECLARATION: Declaration = Declaration {
+    name: "single_phase_ac_stall",
+    title: "Single-phase air conditioners that stall",
+    kind: Kind::Physics,
+    version: 1,
+    parameters: &[
+        Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
+        Parameter::shape(["stall_voltage", "V_st", "1"], [0.4, 0.62, 0.8], 0.06),
+        Parameter::positive_shape(
+            ["stall_time_s", "T_st", "s"],
+            [0.008, 0.035, 0.3],
+            [-3.352_407_217_492_723_7, 0.6],
+        ),
+        Parameter::positive_shape(
+            ["stalled_conductance", "G", "1"],
+            [2.0, 4.4, 8.0],
+            [1.481_604_540_924_215_5, 0.3],
+        ),
+        Parameter::positive_shape(
+            ["stalled_susceptance", "B", "1"],
+            [2.0, 4.0, 8.0],
+            [1.386_294_361_119_890_6, 0.3],
+        ),
+        Parameter::positive_shape(
+            ["thermal_time_s", "T_th", "s"],
+            [1.0, 10.0, 60.0],
+            [2.302_585_092_994_045_5, 0.8],
+        ),
+        Parameter::shape(["restarting_share", "r", "1"], [0.0, 0.1, 1.0], 0.3),
+    ],
+    states: &[
+        state("stall_timer", "s"),
+        state("stalled", "1"),
+        state("restart_timer", "s"),
+        state("restarted", "1"),
+        state("heat", "1"),
+    ],
+    acts_on: &[Place::States, Place::Power],
+    excludes: &[],
+    resembles: &[
+        "distributed_generation",
+        "exponential_recovery",
+        "motor_undervoltage_trip",
+    ],
+    needs: Needs {
+        voltage_below: Some(0.75),
+        window_s: 20.0,
+        separating_event: "dips on both sides of 60 % of the voltage, recorded for 20 to 30 s",
+        ..Needs::A_DIP
+    },
+    source: "WECC composite load model, motor D (from memory, not verified)",
+};
+
+impl Declared for SinglePhaseAcStall {
+    fn declaration(&self) -> &'static Declaration {
+        &DECLARATION
+    }
+
+    fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
+        let at = |voltage: f64, thermal_s: f64| vec![voltage, 0.035, 4.4, 4.0, thermal_s, 0.1];
+        let voltages = [0.5, 0.56, 0.62, 0.68, 0.75];
+        voltages
+            .into_iter()
+            .flat_map(|v| [at(v, 5.0), at(v, 15.0)])
+            .collect()
+    }
+}
+
+/// (1), (2)
+fn running<S: Elementary>(v: S) -> [S; 2] {
+    let at_rest = 6.0 * (1.0 - BREAK_VOLTAGE) * (1.0 - BREAK_VOLTAGE);
+    let floor = REST_REACTIVE - at_rest;
+    if v.value() > BREAK_VOLTAGE {
+        let above = v + -BREAK_VOLTAGE;
+        // Written around the voltage at rest, so that it is exact there.
+        let excess = (v + -1.0) * (above + (1.0 - BREAK_VOLTAGE)) * 6.0;
+        return [S::constant(1.0), excess + REST_REACTIVE];
+    }
+    // The powers' slopes at zero do not exist.
+    let under = at_least(-v + BREAK_VOLTAGE, 1e-9);
+    [
+        power(under, S::constant(3.2)) * 12.0 + 1.0,
+        power(under, S::constant(2.5)) * 11.0 + floor,
+    ]
+}
+
+/// Part that the thermal relays have left on (5).
+fn left_on<S: Elementary>(heat: S) -> S {
+    let tripped = (heat + -THERMAL_FIRST) * (1.0 / (THERMAL_LAST - THERMAL_FIRST));
+    -at_most(at_least(tripped, 0.0), 1.0) + 1.0
+}
+
+impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
+    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
+        let low = step.voltage.map(|v| relay::below(v, p[1]));
+        let restart = S::constant(RESTART_VOLTAGE);
+        let high = step.voltage.map(|v| -relay::below(v, restart) + 1.0);
+        let [stall_timer, stalled, restart_timer, restarted, heat] = x else {
+            return;
+        };
+        relay::latch([stall_timer, stalled], low, p[2], step.duration_s); // (4)
+        if stalled.value() > 0.0 {
+            let delay_s = S::constant(RESTART_TIME_S);
+            relay::latch([restart_timer, restarted], high, delay_s, step.duration_s);
+            let [from, _, to] = step.voltage.map(|v| p[3] * (v * v));
+            *heat = lag(*heat, [from, to], p[5], step.duration_s); // (5)
+        }
+    }
+
+    fn power(&self, p: &[S], x: &[S], at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
+        let v = at.voltage;
+        let [p_run, q_run] = running(v);
+        let (stalled, back) = (x[1], p[6] * x[3]);
+        let locked = stalled * (-back + 1.0);
+        let run = -locked + 1.0;
+        let hot = locked * left_on(x[4]) * (v * v);
+        let active = run * p_run + hot * p[3];
+        let reactive = run * q_run + hot * p[4];
+        [p[0] * (active + -1.0), p[0] * (reactive + -REST_REACTIVE)] // (6)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
+
+    #[test]
+    fn the_running_curve_is_continuous_and_exact_at_rest() {
+        assert_eq!(running(1.0_f64)[1].to_bits(), REST_REACTIVE.to_bits());
+        let [above, below] = [running(BREAK_VOLTAGE + 1e-9), running(BREAK_VOLTAGE - 1e-9)];
+        assert!((above[0] - below[0]).abs() < 1e-9 && (above[1] - below[1]).abs() < 1e-9);
+        // v = 0.66: 12 x 0.2^3.2 = 12 x 0.0057981 = 0.069577.
+        assert!((running(0.66_f64)[0] - 1.069_577).abs() < 1e-5);
+    }
+
+    #[test]
+    fn stalled_air_conditioners_draw_their_locked_rotor_power_until_the_relays_open() {
+        let dip = |t: f64| [if (0.5..0.6).contains(&t) { 0.5 } else { 1.0 }, 0.0];
+        let input = lasting(10.0, dip, &[0.5, 0.6]);
+        let model = ComposedModel::new(&Structure::zip_im().with("single_phase_ac_stall").unwrap());
+        let mut p = model.typical();
+        p[8..].copy_from_slice(&[0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0]);
+        let drive = Drive {
+            terminal: &input,
+            frequency_deviation: &[],
+            reactive_at_rest: 0.3,
+        };
+        let with = model.simulate(&p, &[], &drive).unwrap();
+        let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
+        // Soon after: 0.1 (4.4 - 1) = 0.34 in P, 0.1 (4 - 0.25) = 0.375 in Q.
+        let k = 42;
+        assert!((with.active[k] - without.active[k] - 0.34).abs() < 1e-3);
+        assert!((with.reactive[k] - without.reactive[k] - 0.375).abs() < 1e-3);
+        // 4.4 (1 - e^(-t/5)) = 1.9 at t = 2.83 s: all have tripped long before the end.
+        let last = with.active.len() - 1;
+        assert!((with.active[last] - without.active[last] + 0.1).abs() < 1e-3);
+    }
+}
