@@ -3,6 +3,7 @@
 
 pub mod between_events;
 pub mod comparison;
+pub mod composed;
 pub mod decision;
 pub mod edge_timing;
 pub mod errors;

@@ -1,0 +1,101 @@
+//! How far the measurement of one event may scatter around a model: independent noise per sample
+//! plus what varies from event to event.
+//!
+//! ```text
+//! Sigma = W^-1 + B B',   Sigma^-1 = W - W B (I + B' W B)^-1 B' W        (Woodbury)
+//! ```
+//!
+//! `W` holds the weights of the samples, each column of `B` one random effect times its standard
+//! deviation: the composition of the load and the measured operating point of the event.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+/// The covariance of one event's rows (P then Q of every used sample), factored.
+#[derive(Clone, Debug)]
+pub(super) struct EventCovariance {
+    /// Square roots of the weights, `1 / deviation`.
+    root_weights: DVector<f64>,
+    /// Weighted random columns `W^(1/2) B`.
+    basis: DMatrix<f64>,
+    factor: Cholesky<f64, Dyn>,
+}
+
+impl EventCovariance {
+    /// From the standard deviations of the rows and the random columns in the rows' units. `None`
+    /// when a number is not finite.
+    pub(super) fn new(deviations: &[f64], random: &DMatrix<f64>) -> Option<Self> {
+        let root_weights =
+            DVector::from_iterator(deviations.len(), deviations.iter().map(|d| 1.0 / d));
+        let mut basis = random.clone();
+        for mut column in basis.column_iter_mut() {
+            column.component_mul_assign(&root_weights);
+        }
+        let size = basis.ncols();
+        let inner = DMatrix::identity(size, size) + basis.tr_mul(&basis);
+        let factor = inner.cholesky()?;
+        Some(Self {
+            root_weights,
+            basis,
+            factor,
+        })
+    }
+
+    /// `A' Sigma^-1 A` for the columns of `rows`.
+    pub(super) fn gram(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut whitened = rows.clone();
+        for mut column in whitened.column_iter_mut() {
+            column.component_mul_assign(&self.root_weights);
+        }
+        let cross = self.basis.tr_mul(&whitened);
+        whitened.tr_mul(&whitened) - cross.tr_mul(&self.factor.solve(&cross))
+    }
+
+    /// `r' Sigma^-1 r`.
+    pub(super) fn square(&self, residual: &DVector<f64>) -> f64 {
+        let whitened = residual.component_mul(&self.root_weights);
+        let cross = self.basis.tr_mul(&whitened);
+        whitened.norm_squared() - cross.dot(&self.factor.solve(&cross))
+    }
+
+    /// Logarithm of `det(I + B' W B)`: what the random effects add to the log determinant.
+    pub(super) fn log_determinant(&self) -> f64 {
+        2.0 * self
+            .factor
+            .l_dirty()
+            .diagonal()
+            .iter()
+            .map(|d| d.ln())
+            .sum::<f64>()
+    }
+
+    /// The random effects that explain a residual best (posterior mean), in standard deviations.
+    pub(super) fn random_effects(&self, residual: &DVector<f64>) -> DVector<f64> {
+        let whitened = residual.component_mul(&self.root_weights);
+        self.factor.solve(&self.basis.tr_mul(&whitened))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn woodbury_agrees_with_the_full_inverse() {
+        let deviations = [0.5, 1.0, 2.0, 0.25];
+        let random = DMatrix::from_row_slice(4, 2, &[1.0, 0.0, 2.0, 1.0, -1.0, 0.5, 0.3, 0.1]);
+        let covariance = EventCovariance::new(&deviations, &random).unwrap();
+        let mut full = &random * random.transpose();
+        for i in 0..4 {
+            full[(i, i)] += deviations[i] * deviations[i];
+        }
+        let rows = DMatrix::from_row_slice(4, 2, &[1.0, 2.0, -1.0, 0.5, 0.2, 0.3, 4.0, -2.0]);
+        let inverse = full.clone().try_inverse().unwrap();
+        let expected = rows.transpose() * &inverse * &rows;
+        assert!((covariance.gram(&rows) - &expected).amax() < 1e-12);
+        let residual: DVector<f64> = rows.column(1).into_owned();
+        assert!((covariance.square(&residual) - expected[(1, 1)]).abs() < 1e-12);
+        let weights: f64 = deviations.iter().map(|d| 2.0 * d.ln()).sum();
+        let log_determinant = full.determinant().ln() - weights;
+        assert!((covariance.log_determinant() - log_determinant).abs() < 1e-12);
+    }
+}

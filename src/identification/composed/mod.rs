@@ -1,0 +1,20 @@
+//! Joint fits of composed models: ZIP, motor and any effects of the catalogue.
+//!
+//! The plain model has a faster problem of its own (`joint_problem`), from whose solution these
+//! fits start. Here every parameter is an unknown of a Levenberg-Marquardt method with exact
+//! sensitivities; what varies from event to event is marginalised as there.
+
+mod coordinates;
+mod covariance;
+mod extend;
+mod fit;
+mod problem;
+mod rows;
+
+#[cfg(test)]
+mod tests;
+
+pub use coordinates::Coordinates;
+pub use extend::{Extension, extend};
+pub use fit::{ComposedFit, ComposedFitOptions, fit};
+pub use rows::Scatter;

@@ -1,0 +1,187 @@
+//! Composed fits against the plain problem, and a known effect that is found again.
+
+use super::{ComposedFitOptions, extend, fit};
+use crate::{
+    disturbance::{Closing, Trigger, Window},
+    identification::{
+        intake::{IntakeOptions, PreparedEvent, prepare},
+        joint_problem::{JointProblem, ProblemOptions},
+    },
+    load_model::{
+        Structure,
+        composed::{ComposedModel, Drive},
+    },
+    measurement::{Quality, Record, Sample},
+    numerics::Objective,
+};
+use nalgebra::DVector;
+
+const RATE_FPS: f64 = 60.0;
+const SAMPLES: usize = 300;
+
+/// A dip to `depth` with rounded flanks between 1 s and `1 s + duration_s`, P and Q static.
+fn window(name: &str, depth: f64, duration_s: f64) -> Window {
+    let sample = |k: usize| {
+        let t = k as f64 / RATE_FPS;
+        let flank = |at: f64| 1.0 / (1.0 + (-(t - at) / 0.01).exp());
+        let inside = flank(1.0) - flank(1.0 + duration_s);
+        // A tenth of a per mille of structured noise: intake divides by the noise it finds.
+        let noise = 1e-4 * (12.9 * k as f64).sin();
+        let voltage = 1.0 - (1.0 - depth) * inside;
+        Sample {
+            time_ns: 0,
+            voltage_pu: voltage,
+            angle_rad: -0.1 * inside,
+            frequency_hz: 60.0,
+            active_pu: 0.8 * voltage * (1.0 + noise),
+            reactive_pu: 0.3 * voltage * voltage + noise,
+            negative_sequence_ratio: 0.0,
+            quality: Quality::default(),
+        }
+    };
+    Window {
+        id: name.to_owned(),
+        site: "site".to_owned(),
+        record: Record {
+            start_ns: 0,
+            rate_fps: RATE_FPS,
+            nominal_hz: 60.0,
+            samples: (0..SAMPLES).map(sample).collect(),
+        },
+        onset: 57,
+        triggers: vec![Trigger::Recording],
+        closing: Closing::RecordingEnded,
+    }
+}
+
+fn events() -> Vec<PreparedEvent> {
+    [("a", 0.85, 0.1), ("b", 0.6, 0.15), ("c", 0.75, 0.3)]
+        .iter()
+        .map(|(name, depth, duration)| {
+            prepare(&window(name, *depth, *duration), &IntakeOptions::default()).unwrap()
+        })
+        .collect()
+}
+
+/// The events with P and Q of a model, and the noise that they had.
+fn drawn_by(
+    model: &ComposedModel,
+    parameters: &[f64],
+    events: &[PreparedEvent],
+) -> Vec<PreparedEvent> {
+    let mut drawn = events.to_vec();
+    for event in &mut drawn {
+        let drive = Drive {
+            terminal: &event.input,
+            frequency_deviation: &[],
+            reactive_at_rest: event.q0_pu / event.p0_pu,
+        };
+        let response = model.simulate(parameters, &[], &drive).unwrap();
+        for k in 0..event.len() {
+            let noise = 1e-4 * (7.1 * k as f64).sin();
+            event.active[k] = response.active[k] + noise;
+            event.reactive[k] = response.reactive[k] - noise;
+        }
+    }
+    drawn
+}
+
+const FREE: [usize; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
+
+#[test]
+fn the_plain_structure_has_the_objective_of_the_plain_problem() {
+    let events = events();
+    let problem = JointProblem::new(&events, ProblemOptions::default(), &|| false);
+    let x = [3.4, 7.0, 0.4];
+    let point = problem.point(&DVector::from_column_slice(&x)).unwrap();
+    let model = ComposedModel::new(&Structure::zip_im());
+    let parameters: Vec<f64> = x.iter().chain(&point.linear).copied().collect();
+    let mut options = ComposedFitOptions::default();
+    options.local.evaluations_max = 1;
+    options.rounds_max = 1;
+    let at = fit(&events, &model, &parameters, &FREE, &options, &|| false).unwrap();
+    // Two integrators, 1e-4 of P0 apart at worst.
+    assert!(
+        (at.objective / point.objective - 1.0).abs() < 0.02,
+        "{} {}",
+        at.objective,
+        point.objective
+    );
+    let improved = fit(
+        &events,
+        &model,
+        &parameters,
+        &FREE,
+        &ComposedFitOptions::default(),
+        &|| false,
+    );
+    assert!(
+        improved.unwrap().objective
+            < 1.001 * problem.value(&DVector::from_column_slice(&x)).unwrap()
+    );
+}
+
+#[test]
+fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion() {
+    let plain = Structure::zip_im();
+    let truth = ComposedModel::new(&plain.with("stator_resistance").unwrap());
+    let mut parameters = truth.typical();
+    let place = truth.index("stator_resistance.resistance").unwrap();
+    parameters[place] = 0.03;
+    let events = drawn_by(&truth, &parameters, &events());
+    let model = ComposedModel::new(&plain);
+    let options = ComposedFitOptions::default();
+    let base = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
+        false
+    })
+    .unwrap();
+    let found = extend(
+        &events,
+        &plain,
+        &[&base],
+        "stator_resistance",
+        &options,
+        &|| false,
+    )
+    .unwrap();
+    assert!(found.scores[0].gain > 0.0);
+    let found = found.fit.unwrap();
+    assert!(
+        (found.parameters[place] - 0.03).abs() < 0.002,
+        "{:?}",
+        found.parameters
+    );
+    assert!(found.bayesian_information() < base.bayesian_information() - 100.0);
+    assert!(found.chi_square_per_row() < base.chi_square_per_row());
+}
+
+#[test]
+fn what_is_excluded_or_unknown_is_an_error() {
+    let events = events();
+    let structure = Structure::zip_im();
+    let model = ComposedModel::new(&structure);
+    let options = ComposedFitOptions::default();
+    let base = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
+        false
+    })
+    .unwrap();
+    assert!(
+        extend(
+            &events,
+            &structure,
+            &[&base],
+            "perpetual_motion",
+            &options,
+            &|| false
+        )
+        .is_err()
+    );
+}
+
+#[test]
+fn a_cancelled_fit_is_none() {
+    let events = events();
+    let model = ComposedModel::new(&Structure::zip_im());
+    let options = ComposedFitOptions::default();
+    assert!(fit(&events, &model, &model.typical(), &FREE, &options, &|| true).is_none());
+}
