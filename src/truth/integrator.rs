@@ -201,8 +201,7 @@ impl Integrator {
     }
 
     /// Advances `state` from `from_s` to `to_s`.
-    #[cfg(test)]
-    fn advance(
+    pub(super) fn advance(
         &mut self,
         (from_s, to_s): (f64, f64),
         state: &mut [f64],

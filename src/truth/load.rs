@@ -68,7 +68,6 @@ pub(super) struct Supply {
 
 impl Supply {
     /// The load at the measured terminals themselves.
-    #[cfg(test)]
     pub(super) const NONE: Self = Self {
         impedance: Phasor::new(0.0, 0.0),
         tap_changer: None,

@@ -4,9 +4,8 @@
 use super::{
     IntegratorOptions, MotorCircuit, Phasor, TruthError, Zip,
     integrator::Integrator,
-    load::{Load, Part},
-    motor::Motor,
-    static_load::StaticLoad,
+    load::{Load, Part, Supply, Terminal},
+    parts::{Motor, StaticLoad},
 };
 
 /// Motors that share a circuit.
@@ -77,7 +76,7 @@ pub fn respond(
     let mut state = parts.initial_state();
     let mut integrator = Integrator::new(options, state.len());
     let mut response = LoadResponse {
-        power: vec![first * parts.current(first, &state).conj()],
+        power: vec![drawn(&parts, 0.0, first, &state)],
         lowest_speed_pu: 1.0,
     };
     for (k, ends) in voltage.phasors.windows(2).enumerate() {
@@ -87,18 +86,22 @@ pub fn respond(
         );
         integrator.advance((from_s, to_s), &mut state, &mut |time_s, state, slope| {
             let share = (time_s - from_s) / voltage.interval_s;
-            parts.derivatives(ends[0] + (ends[1] - ends[0]) * share, state, slope);
+            let voltage = ends[0] + (ends[1] - ends[0]) * share;
+            parts.derivatives(Terminal { time_s, voltage }, state, slope);
             Ok(())
         })?;
         // States of a motor: flux, its angle, speed.
         let speeds = state.chunks_exact(3).map(|motor| motor[2] / nominal_rad_s);
         response.lowest_speed_pu = speeds.fold(response.lowest_speed_pu, f64::min);
         if (k + 1).is_multiple_of(stride) {
-            let power = ends[1] * parts.current(ends[1], &state).conj();
-            response.power.push(power);
+            response.power.push(drawn(&parts, to_s, ends[1], &state));
         }
     }
     Ok(response)
+}
+
+fn drawn(load: &Load, time_s: f64, voltage: Phasor, state: &[f64]) -> Phasor {
+    voltage * load.current(Terminal { time_s, voltage }, state).conj()
 }
 
 impl CompositeLoad {
@@ -108,7 +111,7 @@ impl CompositeLoad {
 
     /// The parts at rest: motors first, static load with what they leave.
     fn parts(&self, voltage: Phasor) -> Result<Load, TruthError> {
-        let mut parts: Vec<Box<dyn Part>> = Vec::new();
+        let mut parts: Vec<Box<dyn Part + Send>> = Vec::new();
         let mut rest = self.initial;
         for group in &self.motors {
             let motor = Motor::at_operating_point(
@@ -117,15 +120,18 @@ impl CompositeLoad {
                 voltage,
                 self.nominal_rad_s(),
             )?;
-            rest -= voltage * motor.current(voltage, &motor.initial_state()).conj();
+            let at_rest = Terminal {
+                time_s: 0.0,
+                voltage,
+            };
+            rest -= voltage * motor.current(at_rest, &motor.initial_state()).conj();
             parts.push(Box::new(motor));
         }
-        parts.push(Box::new(StaticLoad {
-            zip: self.zip,
-            initial_voltage_pu: voltage.norm(),
-            initial: rest,
-        }));
-        Ok(Load { parts })
+        parts.push(Box::new(StaticLoad::plain(self.zip, voltage, rest)));
+        Ok(Load {
+            supply: Supply::NONE,
+            parts,
+        })
     }
 }
 

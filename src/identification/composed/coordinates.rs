@@ -56,6 +56,11 @@ impl Unknown {
         if self.logarithmic { value } else { 1.0 }
     }
 
+    fn centre(&self) -> f64 {
+        let centre = self.prior.centre;
+        if self.logarithmic { centre.ln() } else { centre }
+    }
+
     fn precision(&self) -> f64 {
         self.prior.deviation.powi(-2)
     }
@@ -126,7 +131,7 @@ impl Coordinates {
         let precisions = self.free.iter().map(Unknown::precision);
         let precision = DVector::from_iterator(count, precisions);
         let gradient = DVector::from_fn(count, |i, _| {
-            let away = x[i] - self.free[i].prior.mean;
+            let away = x[i] - self.free[i].centre();
             if precision[i] > 0.0 {
                 precision[i] * away
             } else {
