@@ -13,7 +13,9 @@ pub mod hold_out;
 pub mod identify;
 pub mod intake;
 pub mod joint_problem;
+pub mod measurement_chain;
 pub mod parameter_set;
+pub mod phasor_filter;
 pub mod solution;
 pub mod validate;
 pub mod verdict;
@@ -24,6 +26,8 @@ pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
     Identification, IdentificationError, IdentificationOptions, Split, compare, errors_on, identify,
 };
+pub use measurement_chain::MeasurementChain;
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
+pub use phasor_filter::{FilterChoice, PhasorFilter};
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};
 pub use verdict::{ChannelVerdict, Decision, Verdict, VerdictStatus};
