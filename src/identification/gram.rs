@@ -5,8 +5,8 @@ use nalgebra::SMatrix;
 
 use super::{
     intake::PreparedEvent,
-    measurement_chain::StaticResponse,
     joint_problem::{LINEAR, OUTER},
+    measurement_chain::StaticResponse,
 };
 use crate::{
     load_model::MotorOutput,

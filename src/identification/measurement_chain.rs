@@ -288,9 +288,12 @@ impl<'a> Grid<'a> {
         let mut cells = Vec::with_capacity(last - first + 4);
         let mut j = first;
         while j < last {
-            let jump = self.parts.jumps.iter().copied().find(|p| {
-                *p + blurred > self.time[j] && *p - blurred < self.time[j + 1]
-            });
+            let jump = self
+                .parts
+                .jumps
+                .iter()
+                .copied()
+                .find(|p| *p + blurred > self.time[j] && *p - blurred < self.time[j + 1]);
             let Some(jump) = jump else {
                 cells.push(Cell {
                     low: self.time[j],
@@ -325,5 +328,107 @@ impl<'a> Grid<'a> {
             j = right;
         }
         cells
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SAMPLES: usize = 21;
+    const PER: usize = 32;
+
+    /// A dip of complex voltage that begins at `jump` samples, with dense intervals around it.
+    fn dip(jump: f64) -> TerminalInput {
+        let u: Vec<Complex<f64>> = (0..=(SAMPLES - 1) * PER)
+            .map(|i| {
+                let late = (i as f64 / PER as f64 - jump) * PER as f64 + 0.5;
+                let after = Complex::from_polar(0.6, -0.1);
+                (after - 1.0) * late.clamp(0.0, 1.0) + 1.0
+            })
+            .collect();
+        TerminalInput {
+            real: u.iter().map(|u| u.re).collect(),
+            imaginary: u.iter().map(|u| u.im).collect(),
+            points_per_sample: PER,
+            sample_interval_s: 1.0 / 60.0,
+            jumps: vec![false; SAMPLES - 1],
+            dense: (0..SAMPLES - 1).map(|k| (6..15).contains(&k)).collect(),
+            synchronous_speed_rad_s: 377.0,
+        }
+    }
+
+    fn chain(input: &TerminalInput, jump: f64) -> MeasurementChain {
+        let filtered: Vec<bool> = (0..SAMPLES).map(|k| (8..=12).contains(&k)).collect();
+        MeasurementChain::new(&ChainParts {
+            input,
+            filter: PhasorFilter::PClass,
+            half_width: 1.0,
+            jumps: &[jump],
+            filtered: &filtered,
+            frequency_deviation: &[0.0; SAMPLES],
+        })
+    }
+
+    #[test]
+    fn constant_power_behind_a_triangle_agrees_with_the_integral() {
+        for jump in [10.0, 10.013, 10.3, 10.5, 10.99] {
+            let input = dip(jump);
+            let chain = chain(&input, jump);
+            let load = Complex::new(1.0, 0.3);
+            let count = input.output_count();
+            let seen = chain.measured(&vec![load.re; count], &vec![load.im; count]);
+            let after = Complex::from_polar(0.6, -0.1);
+            for (k, seen) in seen.iter().enumerate() {
+                // Share of the triangle's area after the jump.
+                let x = (k as f64 - jump).clamp(-1.0, 1.0);
+                let share = if x < 0.0 {
+                    0.5 * (1.0 + x) * (1.0 + x)
+                } else {
+                    1.0 - 0.5 * (1.0 - x) * (1.0 - x)
+                };
+                let voltage = after * share + (1.0 - share);
+                let current = (load / after).conj() * share + load.conj() * (1.0 - share);
+                let power = voltage * current.conj();
+                let error = (power - Complex::new(seen[0], seen[1])).norm();
+                assert!(error < 1e-9, "jump at {jump}, sample {k}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn static_responses_are_what_the_chain_makes_of_static_load() {
+        let input = dip(10.3);
+        let chain = chain(&input, 10.3);
+        let square: Vec<f64> = chain.output_voltage().iter().map(|v| v * v - 1.0).collect();
+        let none = vec![0.0; square.len()];
+        let seen = chain.measured(&square, &none);
+        let crossed = chain.measured(&none, &square);
+        for (k, response) in chain.static_responses().iter().enumerate() {
+            for c in 0..2 {
+                assert!((response.square[c] - seen[k][c]).abs() < 1e-12);
+            }
+            assert!((crossed[k][0] + response.square[1]).abs() < 1e-12);
+            assert!((crossed[k][1] - response.square[0]).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn derivatives_pass_like_values() {
+        use crate::numerics::Dual;
+        let input = dip(10.3);
+        let chain = chain(&input, 10.3);
+        let p: Vec<Dual<1>> = (0..input.output_count())
+            .map(|i| Dual::variable(0.1 * i as f64, 0))
+            .collect();
+        let values: Vec<f64> = p.iter().map(|p| p.value).collect();
+        let ones = vec![1.0; p.len()];
+        let none = vec![0.0; p.len()];
+        let dual = chain.measured(&p, &vec![Dual::constant(0.0); p.len()]);
+        let (plain, slope) = (chain.measured(&values, &none), chain.measured(&ones, &none));
+        for k in 0..SAMPLES {
+            assert_eq!(dual[k][0].value.to_bits(), plain[k][0].to_bits());
+            assert!((dual[k][1].derivatives[0] - slope[k][1]).abs() < 1e-12);
+        }
     }
 }

@@ -241,10 +241,12 @@ fn assembled(
         deviation: (0..n).map(|k| u.voltage.deviation_at_sample(k)).collect(),
         mismatch: mismatch(&u, n),
         unexplained: near_unexplained(&u, n),
+        behind_filter: (0..n)
+            .map(|k| u.measured.in_reach(u.voltage.jumps(), k))
+            .collect(),
     };
-    let weigh = |values: &[f64], share: f64| {
-        weights::channel(values, before.samples, &uncertain, share)
-    };
+    let weigh =
+        |values: &[f64], share: f64| weights::channel(values, before.samples, &uncertain, share);
     let active_weights = weigh(&active, options.edge_share_active);
     let reactive_weights = weigh(&reactive, options.edge_share_reactive);
     check_load(before.active, active_weights.noise)?;
@@ -311,9 +313,13 @@ fn mismatch(u: &Terminal, samples: usize) -> Vec<f64> {
         .collect()
 }
 
-/// Samples close to a steep step that no jump explains.
+/// Samples close to a steep step that no jump explains. Without a filter every sample is right up to
+/// the jump itself.
 fn near_unexplained(u: &Terminal, samples: usize) -> Vec<bool> {
     const REACH: usize = 3;
+    if u.filter == Some(PhasorFilter::None) {
+        return vec![false; samples];
+    }
     (0..samples)
         .map(|k| {
             let steps = k.saturating_sub(REACH)..(k + REACH).min(u.unexplained.len());

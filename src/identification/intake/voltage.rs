@@ -159,9 +159,9 @@ impl Voltage {
         let mut pieces: Vec<Piece> = Vec::with_capacity(jumps.len() + 1);
         let mut offset = 0;
         for index in 0..=jumps.len() {
-            let first = index
-                .checked_sub(1)
-                .map_or(from, |i| jumps[i].anchor.saturating_sub(BEYOND_BEFORE).max(from));
+            let first = index.checked_sub(1).map_or(from, |i| {
+                jumps[i].anchor.saturating_sub(BEYOND_BEFORE).max(from)
+            });
             let last = jumps
                 .get(index)
                 .map_or(to, |jump| (jump.anchor + BEYOND_AFTER).min(to));
@@ -424,7 +424,13 @@ impl Piece {
             0.5 * (-3.0 * x3 + 4.0 * x2 + x),
             0.5 * (x3 - x2),
         ];
-        let parabola = |x: f64| [0.5 * (x - 1.0) * (x - 2.0), x * (2.0 - x), 0.5 * x * (x - 1.0)];
+        let parabola = |x: f64| {
+            [
+                0.5 * (x - 1.0) * (x - 2.0),
+                x * (2.0 - x),
+                0.5 * x * (x - 1.0),
+            ]
+        };
         if left == 0 {
             let [a, b, c] = parabola(x);
             (self.offset, [a, b, c, 0.0])
