@@ -340,6 +340,13 @@ impl Voltage {
         &self.jumps
     }
 
+    /// How far l jumps at jump number `index`.
+    pub(super) fn height(&self, index: usize) -> f64 {
+        let time = self.jumps[index].position;
+        let side = |piece: &Piece| self.at_nodes(piece.interpolation(time));
+        (side(&self.pieces[index + 1]) - side(&self.pieces[index])).norm()
+    }
+
     fn piece_at(&self, time: f64) -> usize {
         self.jumps.iter().filter(|j| j.position <= time).count()
     }
