@@ -26,7 +26,7 @@ pub fn align(model: &FittedModel, event: &PreparedEvent) -> PreparedEvent {
         .map(|e| 0.5 * (e.left + e.right) as f64)
         .collect();
     let mut at: Vec<f64> = event.edges.iter().map(|e| e.position).collect();
-    if at.is_empty() {
+    if !event.instants_open() {
         return event.clone();
     }
     for _ in 0..ROUNDS_MAX {

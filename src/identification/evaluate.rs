@@ -3,7 +3,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    ErrorSummary, EventErrors, gram::linear_rows, intake::PreparedEvent,
+    ErrorSummary, EventErrors,
+    gram::{at_rest, linear_rows, motor_change},
+    intake::PreparedEvent,
     joint_problem::reactive_at_rest,
 };
 use crate::load_model::{Infeasible, LinearCoefficients, MotorCoordinates, MotorOutput};
@@ -19,10 +21,14 @@ pub struct FittedModel {
     pub frequency_scaled_power: bool,
 }
 
+/// Coefficients of a static model.
+const STATIC: usize = 4;
+
 /// Static ZIP coefficients of P and Q fitted to some events: the model to be better than.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StaticModel {
-    coefficients: [[f64; 2]; 2],
+    /// `c_z`, `c_i` of P, then of Q.
+    coefficients: [f64; STATIC],
 }
 
 /// P and Q of one event over P0.
@@ -45,23 +51,16 @@ impl FittedModel {
         self.motor.simulate(&event.input, &mut out)?;
         let rest = reactive_at_rest(&self.motor);
         let beta = self.linear.to_array();
-        let q0 = event.q0_pu / event.p0_pu;
-        let row = |k: usize| {
-            let factor = if self.frequency_scaled_power {
-                1.0 + event.frequency_deviation[k]
-            } else {
-                1.0
-            };
-            linear_rows(
-                event.voltage[k],
-                out.active[k] * factor,
-                out.reactive[k] - rest,
-            )
-            .map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>())
-        };
-        let (mut active, mut reactive): (Vec<f64>, Vec<f64>) = (0..event.len())
-            .map(row)
-            .map(|[p, q]| (1.0 + p, q0 + q))
+        let motor = motor_change(event, &out, rest, self.frequency_scaled_power);
+        let (mut active, mut reactive): (Vec<f64>, Vec<f64>) = motor
+            .iter()
+            .zip(event.chain.static_responses())
+            .map(|(motor, load)| {
+                let [p, q] = linear_rows(*motor, &load)
+                    .map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>());
+                let [p0, q0] = at_rest(event, &load);
+                (p0 + p, q0 + q)
+            })
             .unzip();
         if !event.steady_start {
             shift(&mut active, &event.active, &event.active_deviation, event);
@@ -77,50 +76,51 @@ impl FittedModel {
 }
 
 impl StaticModel {
-    /// Least squares of `c_z (v^2 - 1) + c_i (v - 1)` for P and Q over the used samples.
+    /// Least squares of `c_z (v^2 - 1) + c_i (v - 1)` for P and Q over the used samples, through the
+    /// measurement chain.
     #[must_use]
     pub fn fit(events: &[PreparedEvent]) -> Self {
-        Self {
-            coefficients: [0, 1].map(|channel| static_channel(events, channel)),
+        let mut gram = DMatrix::zeros(STATIC, STATIC);
+        let mut right = DVector::zeros(STATIC);
+        for event in events {
+            for (k, load) in event.chain.static_responses().iter().enumerate() {
+                if !event.used[k] {
+                    continue;
+                }
+                let rest = at_rest(event, load);
+                let measured = [event.active[k], event.reactive[k]];
+                let deviations = [event.active_deviation[k], event.reactive_deviation[k]];
+                let rows = linear_rows([0.0; 2], load);
+                for channel in 0..2 {
+                    let deviation = deviations[channel];
+                    let row = DVector::from_column_slice(&rows[channel][1..]) / deviation;
+                    gram += &row * row.transpose();
+                    right += row * ((measured[channel] - rest[channel]) / deviation);
+                }
+            }
         }
+        // A shallow event cannot tell the two apart: the pseudo-inverse shares between them.
+        let solution = gram.svd(true, true).solve(&right, 1e-9);
+        let coefficients = solution.map_or([0.0; STATIC], |x| std::array::from_fn(|i| x[i]));
+        Self { coefficients }
     }
 
     fn simulate(&self, event: &PreparedEvent) -> Curves {
-        let channel = |c: usize, rest: f64| {
-            let [z, i] = self.coefficients[c];
-            event
-                .voltage
-                .iter()
-                .map(|v| rest + z * (v * v - 1.0) + i * (v - 1.0))
-                .collect()
-        };
-        Curves {
-            active: channel(0, 1.0),
-            reactive: channel(1, event.q0_pu / event.p0_pu),
-        }
+        let (active, reactive) = event
+            .chain
+            .static_responses()
+            .iter()
+            .map(|load| {
+                let [p, q] = linear_rows([0.0; 2], load).map(|row| {
+                    let terms = row[1..].iter().zip(self.coefficients);
+                    terms.map(|(a, b)| a * b).sum::<f64>()
+                });
+                let [p0, q0] = at_rest(event, load);
+                (p0 + p, q0 + q)
+            })
+            .unzip();
+        Curves { active, reactive }
     }
-}
-
-fn static_channel(events: &[PreparedEvent], channel: usize) -> [f64; 2] {
-    let mut gram = DMatrix::zeros(2, 2);
-    let mut right = DVector::zeros(2);
-    for event in events {
-        let q0 = event.q0_pu / event.p0_pu;
-        for k in (0..event.len()).filter(|&k| event.used[k]) {
-            let (y, deviation) = if channel == 0 {
-                (event.active[k] - 1.0, event.active_deviation[k])
-            } else {
-                (event.reactive[k] - q0, event.reactive_deviation[k])
-            };
-            let v = event.voltage[k];
-            let row = DVector::from_vec(vec![v * v - 1.0, v - 1.0]) / deviation;
-            gram += &row * row.transpose();
-            right += row * (y / deviation);
-        }
-    }
-    // A shallow event cannot tell the two apart: the pseudo-inverse shares between them.
-    let solution = gram.svd(true, true).solve(&right, 1e-9);
-    solution.map_or([0.0; 2], |x| [x[0], x[1]])
 }
 
 /// Moves a modelled curve by the offset of the operating point that the data make most likely: where

@@ -214,7 +214,7 @@ pub(super) fn fit_aligned(
         };
         let objective = best.point.objective;
         let settled = before.is_some_and(|b| b - objective < SETTLED * b);
-        if settled || round == ROUNDS_MAX || events.iter().all(|e| e.edges.is_empty()) {
+        if settled || round == ROUNDS_MAX || !events.iter().any(PreparedEvent::instants_open) {
             return Ok((found, events));
         }
         before = Some(objective);

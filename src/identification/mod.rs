@@ -15,7 +15,9 @@ pub mod hold_out;
 pub mod identify;
 pub mod intake;
 pub mod joint_problem;
+pub mod measurement_chain;
 pub mod parameter_set;
+pub mod phasor_filter;
 pub mod plausibility;
 pub mod precision;
 pub mod profile;
@@ -33,7 +35,9 @@ pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
     Identification, IdentificationError, IdentificationOptions, Split, compare, errors_on, identify,
 };
+pub use measurement_chain::MeasurementChain;
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
+pub use phasor_filter::{FilterChoice, PhasorFilter};
 pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};
 pub use robust::RobustLoss;
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};

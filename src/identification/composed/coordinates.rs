@@ -58,7 +58,11 @@ impl Unknown {
 
     fn centre(&self) -> f64 {
         let centre = self.prior.centre;
-        if self.logarithmic { centre.ln() } else { centre }
+        if self.logarithmic {
+            centre.ln()
+        } else {
+            centre
+        }
     }
 
     fn precision(&self) -> f64 {

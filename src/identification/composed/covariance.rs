@@ -67,12 +67,6 @@ impl EventCovariance {
             .map(|d| d.ln())
             .sum::<f64>()
     }
-
-    /// The random effects that explain a residual best (posterior mean), in standard deviations.
-    pub(super) fn random_effects(&self, residual: &DVector<f64>) -> DVector<f64> {
-        let whitened = residual.component_mul(&self.root_weights);
-        self.factor.solve(&self.basis.tr_mul(&whitened))
-    }
 }
 
 #[cfg(test)]

@@ -41,12 +41,8 @@ impl Default for Scatter {
 #[derive(Clone, Debug)]
 pub(super) struct EventRows<'a> {
     event: &'a PreparedEvent,
-    /// Frequency deviation at the output instants.
-    frequency_deviation: Vec<f64>,
     /// Used samples.
     used: Vec<usize>,
-    /// Output instant of every sample.
-    outputs: Vec<usize>,
     measured: DVector<f64>,
     deviations: Vec<f64>,
 }
@@ -59,8 +55,6 @@ impl<'a> EventRows<'a> {
             active.chain(used.iter().map(|&k| q[k])).collect()
         };
         Self {
-            frequency_deviation: at_outputs(event),
-            outputs: sample_outputs(event),
             measured: DVector::from_vec(both(&event.active, &event.reactive)),
             deviations: both(&event.active_deviation, &event.reactive_deviation),
             used,
@@ -81,7 +75,7 @@ impl<'a> EventRows<'a> {
     ) -> Result<Response, SimulationError> {
         let drive = Drive {
             terminal: &self.event.input,
-            frequency_deviation: &self.frequency_deviation,
+            frequency_deviation: self.event.chain.output_frequency_deviation(),
             reactive_at_rest: self.event.q0_pu / self.event.p0_pu,
         };
         model.simulate(parameters, wanted, &drive)
@@ -137,42 +131,21 @@ impl<'a> EventRows<'a> {
         for (column, spread) in spread.iter().enumerate() {
             random.set_column(column, &(rows.column(column) * *spread));
         }
-        let half = self.used.len();
+        let outputs = self.event.chain.output_voltage().len();
+        let (one, none) = (vec![1.0; outputs], vec![0.0; outputs]);
         let offset = self.event.operating_point_deviation;
-        for row in 0..half {
-            random[(row, wanted.len())] = offset;
-            random[(half + row, wanted.len() + 1)] = offset;
-        }
+        random.set_column(wanted.len(), &(self.stacked(&one, &none) * offset));
+        random.set_column(wanted.len() + 1, &(self.stacked(&none, &one) * offset));
         Ok(EventCovariance::new(&self.deviations, &random))
     }
 
+    /// P and Q at the output instants as the instrument reports them, at the used samples.
     fn stacked(&self, active: &[f64], reactive: &[f64]) -> DVector<f64> {
-        let at = |y: &[f64], k: usize| y[self.outputs[k]];
-        let p = self.used.iter().map(|&k| at(active, k));
-        let q = self.used.iter().map(|&k| at(reactive, k));
-        DVector::from_iterator(2 * self.used.len(), p.chain(q))
+        let measured = self.event.chain.measured(active, reactive);
+        let channel = |c: usize| self.used.iter().map(move |&k| (k, c));
+        let rows = channel(0).chain(channel(1)).map(|(k, c)| measured[k][c]);
+        DVector::from_iterator(2 * self.used.len(), rows)
     }
-}
-
-/// Output instant of every sample.
-fn sample_outputs(event: &PreparedEvent) -> Vec<usize> {
-    let per_sample = event.input.points_per_sample;
-    let points = event.input.output_points();
-    let at_sample = |(_, point): &(usize, usize)| point.is_multiple_of(per_sample);
-    let all = points.into_iter().enumerate();
-    all.filter(at_sample).map(|(output, _)| output).collect()
-}
-
-/// Frequency deviation at every output instant, linear between samples.
-fn at_outputs(event: &PreparedEvent) -> Vec<f64> {
-    let per_sample = event.input.points_per_sample;
-    let deviation = &event.frequency_deviation;
-    let value = |point: usize| {
-        let (k, rest) = (point / per_sample, point % per_sample);
-        let next = deviation[(k + 1).min(deviation.len() - 1)];
-        deviation[k] + (next - deviation[k]) * rest as f64 / per_sample as f64
-    };
-    event.input.output_points().into_iter().map(value).collect()
 }
 
 /// Amplitudes that are shares of the load and not absent: they vary with its composition.

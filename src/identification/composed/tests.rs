@@ -73,14 +73,15 @@ fn drawn_by(
     for event in &mut drawn {
         let drive = Drive {
             terminal: &event.input,
-            frequency_deviation: &[],
+            frequency_deviation: event.chain.output_frequency_deviation(),
             reactive_at_rest: event.q0_pu / event.p0_pu,
         };
         let response = model.simulate(parameters, &[], &drive).unwrap();
-        for k in 0..event.len() {
+        let measured = event.chain.measured(&response.active, &response.reactive);
+        for (k, [active, reactive]) in measured.into_iter().enumerate() {
             let noise = 1e-4 * (7.1 * k as f64).sin();
-            event.active[k] = response.active[k] + noise;
-            event.reactive[k] = response.reactive[k] - noise;
+            event.active[k] = active + noise;
+            event.reactive[k] = reactive - noise;
         }
     }
     drawn

@@ -2,7 +2,7 @@
 
 use super::{
     series::{Series, median, noise_sigma},
-    smoothing::LogPhasor,
+    voltage::Log,
 };
 
 /// An edge stands out of its surroundings by this many noise deviations. Chosen; insensitive
@@ -18,10 +18,15 @@ const SURROUNDINGS: usize = 7;
 pub struct Edge {
     /// Last sample before the jump that it does not touch.
     pub left: usize,
-    /// First sample after it.
+    /// First sample after it that it does not touch.
     pub right: usize,
     /// Instant of the jump, in samples from the start of the window.
     pub position: f64,
+    /// Standard deviation of the instant, samples.
+    pub deviation: f64,
+    /// What the filter leaves unexplained of the voltage at the samples it spreads the jump over,
+    /// relative (root mean square of a part).
+    pub mismatch: f64,
 }
 
 /// For each step between neighbouring samples, whether it belongs to an edge.
@@ -55,9 +60,12 @@ const JUMP_CLEAR: f64 = 0.05;
 /// A steep step this many samples after a jump is the motion that follows it.
 const MOTION_AFTER_JUMP: usize = 6;
 
+/// Standard deviation of an instant that may lie anywhere between two samples.
+const HALF_INTERVAL_DEVIATION: f64 = 0.29;
+
 /// The jumps of an event whose samples no filter has spread, each put half way between its two
 /// samples; none if any steep step looks filtered.
-pub(super) fn unfiltered_jumps(phasor: &[LogPhasor], at_edge: &[bool]) -> Option<Vec<Edge>> {
+pub(super) fn unfiltered_jumps(phasor: &[Log], at_edge: &[bool]) -> Option<Vec<Edge>> {
     let mut list: Vec<Edge> = Vec::new();
     let mut largest = 0.0_f64;
     for k in (0..at_edge.len()).filter(|&k| at_edge[k]) {
@@ -67,6 +75,8 @@ pub(super) fn unfiltered_jumps(phasor: &[LogPhasor], at_edge: &[bool]) -> Option
                 left: k,
                 right: k + 1,
                 position: k as f64 + 0.5,
+                deviation: HALF_INTERVAL_DEVIATION,
+                mismatch: 0.0,
             });
         } else if list
             .last()
@@ -79,22 +89,17 @@ pub(super) fn unfiltered_jumps(phasor: &[LogPhasor], at_edge: &[bool]) -> Option
 }
 
 /// The size of step `at` if it is a jump whose neighbours show no filter.
-fn unfiltered_jump(phasor: &[LogPhasor], at: usize) -> Option<f64> {
+fn unfiltered_jump(phasor: &[Log], at: usize) -> Option<f64> {
     if at < 2 || at + 2 >= phasor.len() {
         return None;
     }
-    let step = |k: usize| {
-        [
-            phasor[k + 1][0] - phasor[k][0],
-            phasor[k + 1][1] - phasor[k][1],
-        ]
-    };
+    let step = |k: usize| phasor[k + 1] - phasor[k];
     let jump = step(at);
-    let square = jump[0] * jump[0] + jump[1] * jump[1];
-    let share = |x: LogPhasor| (x[0] * jump[0] + x[1] * jump[1]) / square;
+    let square = jump.norm_sqr();
+    let share = |x: Log| (x * jump.conj()).re / square;
     // The trend before the jump goes on for one more step.
     let (last, trend) = (step(at - 1), step(at - 2));
-    let before = share([last[0] - trend[0], last[1] - trend[1]]);
+    let before = share(last - trend);
     let alone = share(last) <= AFTER_SHARE && share(step(at + 1)) <= AFTER_SHARE;
     (before.abs() <= BEFORE_SHARE && alone).then_some(square.sqrt())
 }
@@ -113,6 +118,11 @@ pub(super) fn distance_to_edge(at_edge: &[bool], samples: usize) -> Vec<f64> {
                 .fold(f64::INFINITY, f64::min)
         })
         .collect()
+}
+
+/// Distance of two log-phasors.
+pub(super) fn distance(a: Log, b: Log) -> f64 {
+    (b - a).norm()
 }
 
 /// Noise of ln|V| + j angle per part: the larger of the two.
@@ -134,7 +144,7 @@ fn log_phasor_steps(series: &Series) -> Vec<[f64; 2]> {
 mod tests {
     use super::*;
 
-    fn step_at(instant: f64, half_width: f64) -> Vec<LogPhasor> {
+    fn step_at(instant: f64, half_width: f64) -> Vec<Log> {
         let distribution = |x: f64| match x {
             x if x <= -1.0 => 0.0,
             x if x <= 0.0 => 0.5 * (1.0 + x) * (1.0 + x),
@@ -143,18 +153,18 @@ mod tests {
         };
         (0..12)
             .map(|k| {
-                [
+                Log::new(
                     -0.4 * distribution((f64::from(k) - instant) / half_width),
                     0.0,
-                ]
+                )
             })
             .collect()
     }
 
-    fn edges_of(phasor: &[LogPhasor]) -> Vec<bool> {
+    fn edges_of(phasor: &[Log]) -> Vec<bool> {
         phasor
             .windows(2)
-            .map(|w| (w[1][0] - w[0][0]).abs() > 0.012)
+            .map(|w| distance(w[0], w[1]) > 0.012)
             .collect()
     }
 
@@ -175,7 +185,9 @@ mod tests {
             [Edge {
                 left: 5,
                 right: 6,
-                position: 5.5
+                position: 5.5,
+                deviation: HALF_INTERVAL_DEVIATION,
+                mismatch: 0.0,
             }]
         );
     }

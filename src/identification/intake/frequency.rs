@@ -1,9 +1,6 @@
 //! Frequency deviation of the terminal phasor.
 
-use super::{
-    series::{Series, bridged},
-    smoothing::LogPhasor,
-};
+use super::series::{Series, bridged};
 use std::f64::consts::PI;
 
 /// Samples each side over which the deviation is averaged.
@@ -11,13 +8,13 @@ const HALF_MEAN: usize = 2;
 
 /// Relative deviation from the frequency before the event: central difference of the smoothed
 /// angle, bridged across edges (a phase jump is not a frequency), averaged over five samples.
-pub(super) fn deviation(smooth: &[LogPhasor], to_edge: &[f64], series: &Series) -> Vec<f64> {
-    let n = smooth.len();
+pub(super) fn deviation(angle: &[f64], to_edge: &[f64], series: &Series) -> Vec<f64> {
+    let n = angle.len();
     let turns_per_sample = 2.0 * PI * series.nominal_hz / series.rate_fps;
     let slope: Vec<f64> = (0..n)
         .map(|k| {
             let (a, b) = (k.saturating_sub(1), (k + 1).min(n - 1));
-            (smooth[b][1] - smooth[a][1]) / ((b - a).max(1) as f64 * turns_per_sample)
+            (angle[b] - angle[a]) / ((b - a).max(1) as f64 * turns_per_sample)
         })
         .collect();
     let reach = series.samples_per_cycle() + 1.0;

@@ -2,15 +2,18 @@
 //! operating point before the event, a smooth complex terminal voltage, weights.
 //!
 //! Voltage and angle are measurements too: their noise enters the motor multiplied by `Kpm / X'`.
-//! They are smoothed where nothing happens and left alone at edges (`smoothing`).
+//! They are smoothed as far as the data allow, between jumps and behind the instrument's filter
+//! (`voltage`, `jumps`, `stiffness`).
 
 mod edges;
 mod frequency;
+mod jumps;
 mod operating_point;
 mod prepare;
 mod series;
-mod smoothing;
 mod spikes;
+mod stiffness;
+mod voltage;
 mod weights;
 
 pub use edges::Edge;

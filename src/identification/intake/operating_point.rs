@@ -65,17 +65,20 @@ fn margin_samples(series: &Series) -> usize {
     series.samples_per_cycle().ceil() as usize + 1
 }
 
-/// Highest minus lowest usable voltage before `end`, relative to the highest.
+/// Highest minus lowest seven-sample mean of the usable voltage before `end`, relative to the
+/// highest: noise alone is no motion.
 fn voltage_range(series: &Series, end: usize) -> f64 {
-    let good = || {
-        (0..end)
-            .filter(|&k| !series.bad[k])
-            .map(|k| series.voltage[k])
-    };
-    let (low, high) = (
-        good().fold(f64::INFINITY, f64::min),
-        good().fold(0.0, f64::max),
-    );
+    const MEAN: usize = 7;
+    let good: Vec<f64> = (0..end)
+        .filter(|&k| !series.bad[k])
+        .map(|k| series.voltage[k])
+        .collect();
+    let means = good
+        .windows(MEAN.min(good.len()).max(1))
+        .map(|part| part.iter().sum::<f64>() / part.len() as f64);
+    let (low, high) = means.fold((f64::INFINITY, 0.0_f64), |(low, high), mean| {
+        (low.min(mean), high.max(mean))
+    });
     if high > 0.0 {
         (high - low) / high
     } else {

@@ -1,12 +1,17 @@
 //! The steps of intake in order.
 
 use super::{
+    super::{
+        measurement_chain::{ChainParts, MeasurementChain},
+        phasor_filter::{FilterChoice, PhasorFilter},
+    },
     Unusable,
     edges::{self, Edge},
-    frequency, operating_point,
+    frequency, jumps, operating_point,
     series::Series,
-    smoothing::{self, LogPhasor},
-    spikes, weights,
+    spikes, stiffness,
+    voltage::{Jump, Log, Measured, Voltage},
+    weights,
 };
 use crate::{disturbance::Window, load_model::TerminalInput};
 use std::f64::consts::PI;
@@ -22,7 +27,11 @@ pub struct IntakeOptions {
     pub samples_min: usize,
     /// Least change of the complex voltage, relative. Default 0.002; at least 0.
     pub voltage_change_min: f64,
-    /// Error of P per unit of local voltage motion near edges, relative to P0. Default 0.08.
+    /// The filter through which the instrument sees phasors. Default: what explains the edges of
+    /// each event best.
+    pub filter: FilterChoice,
+    /// Error of P per unit of local voltage motion near edges that no filter explains, relative to
+    /// P0. Default 0.08.
     pub edge_share_active: f64,
     /// The same of Q. Default 0.16.
     pub edge_share_reactive: f64,
@@ -33,6 +42,7 @@ impl Default for IntakeOptions {
         Self {
             samples_min: 20,
             voltage_change_min: 0.002,
+            filter: FilterChoice::Auto,
             edge_share_active: 0.08,
             edge_share_reactive: 0.16,
         }
@@ -85,14 +95,24 @@ pub struct PreparedEvent {
     pub highest_voltage: f64,
     /// How well P0 and Q0 are known, relative to P0 (standard deviation).
     pub operating_point_deviation: f64,
-    /// Jumps of the terminal phasor between unfiltered samples; empty where a filter has spread
-    /// them.
+    /// Jumps of the terminal phasor that are explained, behind `filter`.
     pub edges: Vec<Edge>,
-    /// ln|u| and angle at the samples, smoothed: what `input` was made of.
-    smooth: Vec<LogPhasor>,
-    at_edge: Vec<bool>,
+    /// The filter that explains the jumps; none where no jump shows one.
+    pub filter: Option<PhasorFilter>,
+    /// From the load's power at the output instants of `input` to P and Q as measured.
+    pub chain: MeasurementChain,
+    /// What `input` was made of; none where it was given.
+    origin: Option<Origin>,
     /// Isolated spikes that were removed.
     pub spikes: usize,
+}
+
+/// Where a terminal input comes from.
+#[derive(Clone, Debug, PartialEq)]
+struct Origin {
+    /// ln|u| and angle between the jumps.
+    terminal: Voltage,
+    measured: Measured,
 }
 
 impl PreparedEvent {
@@ -102,18 +122,37 @@ impl PreparedEvent {
         self.voltage.len()
     }
 
+    /// Whether P and Q can tell more about the instants of the jumps: no filter has spread them, so
+    /// that voltages leave them open.
+    #[must_use]
+    pub fn instants_open(&self) -> bool {
+        self.filter == Some(PhasorFilter::None)
+    }
+
     /// The same event with the jumps of the voltage moved to other instants, in samples.
     #[must_use]
     pub fn with_edge_positions(&self, positions: &[f64]) -> Self {
         let mut moved = self.clone();
-        for (edge, position) in moved.edges.iter_mut().zip(positions) {
+        let Some(origin) = &mut moved.origin else {
+            return moved;
+        };
+        let mut jumps = origin.terminal.jumps().to_vec();
+        for ((edge, jump), position) in moved.edges.iter_mut().zip(&mut jumps).zip(positions) {
             edge.position = *position;
+            jump.position = *position;
         }
-        (moved.input.real, moved.input.imaginary) = smoothing::reconstruct(
-            &moved.smooth,
-            &moved.at_edge,
-            &moved.edges,
-            moved.input.points_per_sample,
+        let whole = (0, self.len() - 1);
+        let before = Some(&origin.terminal);
+        if let Some(terminal) = Voltage::fit(&origin.measured, whole, &jumps, before) {
+            origin.terminal = terminal;
+        }
+        let speed = self.input.synchronous_speed_rad_s;
+        moved.input = terminal_input(&origin.measured, &origin.terminal, speed);
+        moved.chain = chain(
+            &origin.measured,
+            &origin.terminal,
+            &moved.input,
+            &self.frequency_deviation,
         );
         moved
     }
@@ -127,18 +166,21 @@ impl PreparedEvent {
 
 /// Fine grid points per sample interval. Chosen: half steps of sixteen substeps lie on it.
 const POINTS_PER_SAMPLE: usize = 32;
+/// Least noise assumed, so that noiseless data are smoothed where they are smooth.
+const NOISE_LEAST: f64 = 2e-5;
 /// Voltage before the event below which the bus is dead, pu.
 const VOLTAGE_MIN_PU: f64 = 0.05;
 /// Standard deviation left to P0 and Q0 when there was no steady part to measure them.
 const UNKNOWN_OPERATING_POINT: f64 = 0.2;
 
 /// The terminal voltage of an event, smoothed, with its jumps.
-struct Voltage {
-    smooth: Vec<LogPhasor>,
-    phasor: Vec<[f64; 2]>,
-    at_edge: Vec<bool>,
+struct Terminal {
+    voltage: Voltage,
+    measured: Measured,
     edges: Vec<Edge>,
-    noise: f64,
+    filter: Option<PhasorFilter>,
+    unexplained: Vec<bool>,
+    steep: Vec<bool>,
 }
 
 /// Prepares one window for fitting. Pure; cost linear in the number of samples.
@@ -164,9 +206,12 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
             voltage_pu: before.voltage,
         });
     }
-    let voltage = terminal_voltage(&series, &before, steps);
-    check_disturbance(&voltage.phasor, &series, options)?;
-    let mut event = assembled(&window.id, &series, &before, voltage, options)?;
+    let terminal = terminal_voltage(&series, &before, steps, options).ok_or(
+        // Every sample is missing on one side of a jump, or none is finite.
+        Unusable::TooFewSamples { usable, required },
+    )?;
+    check_disturbance(&terminal.measured, options)?;
+    let mut event = assembled(&window.id, &series, &before, terminal, options)?;
     event.spikes = spikes;
     Ok(event)
 }
@@ -174,53 +219,58 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
 fn terminal_voltage(
     series: &Series,
     before: &operating_point::PreEvent,
-    mut at_edge: Vec<bool>,
-) -> Voltage {
-    let noise = edges::input_noise(series);
-    let raw = terminal_phasor(series, before);
-    // Behind a phasor filter the smeared voltage goes with smeared P and Q; only samples that no
-    // filter has touched show true jumps, whose instant they leave open.
-    let edges = edges::unfiltered_jumps(&raw, &at_edge).unwrap_or_default();
-    if !edges.is_empty() {
-        at_edge.fill(false);
-        for edge in &edges {
-            at_edge[edge.left] = true;
-        }
-    }
-    let smooth = smoothing::smooth(&raw, series, &at_edge, noise);
-    let phasor = smooth
-        .iter()
-        .map(|l| [l[0].exp() * l[1].cos(), l[0].exp() * l[1].sin()])
-        .collect();
-    Voltage {
-        smooth,
-        phasor,
-        at_edge,
+    steep: Vec<bool>,
+    options: &IntakeOptions,
+) -> Option<Terminal> {
+    let noise = edges::input_noise(series).max(NOISE_LEAST);
+    let log = terminal_log(series, before);
+    let found = jumps::find(series, log, &steep, noise, options.filter);
+    let mut measured = found.measured;
+    let (jumps, edges): (Vec<Jump>, Vec<Edge>) = found.jumps.into_iter().unzip();
+    stiffness::estimate(&mut measured, &jumps);
+    let whole = (0, series.len() - 1);
+    let voltage = Voltage::fit(&measured, whole, &jumps, None)?.with_variances(&measured)?;
+    Some(Terminal {
+        voltage,
+        measured,
         edges,
-        noise,
-    }
+        filter: found.filter,
+        unexplained: found.unexplained,
+        steep,
+    })
 }
 
 fn assembled(
     id: &str,
     series: &Series,
     before: &operating_point::PreEvent,
-    u: Voltage,
+    u: Terminal,
     options: &IntakeOptions,
 ) -> Result<PreparedEvent, Unusable> {
     let scaled = |x: &[f64]| x.iter().map(|y| y / before.active).collect::<Vec<_>>();
     let (active, reactive) = (scaled(&series.active), scaled(&series.reactive));
-    let weigh = |values: &[f64], share: f64| {
-        // Samples that no filter has spread are right up to the jump itself.
-        let share = if u.edges.is_empty() { share } else { 0.0 };
-        weights::channel(values, &u.phasor, before.samples, u.noise, share)
+    let n = series.len();
+    let uncertain = weights::InputUncertainty {
+        phasor: u.measured.log.iter().map(|l| l.exp()).collect(),
+        voltage_noise: u.measured.noise,
+        deviation: (0..n).map(|k| u.voltage.deviation_at_sample(k)).collect(),
+        mismatch: mismatch(&u, n),
+        unexplained: near_unexplained(&u, n),
+        behind_filter: (0..n)
+            .map(|k| u.measured.in_reach(u.voltage.jumps(), k))
+            .collect(),
     };
+    let weigh =
+        |values: &[f64], share: f64| weights::channel(values, before.samples, &uncertain, share);
     let active_weights = weigh(&active, options.edge_share_active);
     let reactive_weights = weigh(&reactive, options.edge_share_reactive);
     check_load(before.active, active_weights.noise)?;
-    let voltage: Vec<f64> = u.smooth.iter().map(|l| l[0].exp()).collect();
-    let to_edge = edges::distance_to_edge(&u.at_edge, series.len());
+    let to_edge = edges::distance_to_edge(&u.steep, n);
+    let angle: Vec<f64> = (0..n).map(|k| u.voltage.at_sample(k).im).collect();
+    let frequency_deviation = frequency::deviation(&angle, &to_edge, series);
     let two_cycles = 2.0 * series.samples_per_cycle();
+    let input = terminal_input(&u.measured, &u.voltage, 2.0 * PI * before.frequency_hz);
+    let voltage = seen_voltage(&u, n);
     Ok(PreparedEvent {
         id: id.to_owned(),
         rate_fps: series.rate_fps,
@@ -229,11 +279,12 @@ fn assembled(
         q0_pu: before.reactive,
         steady_start: before.steady,
         event_start: before.samples,
-        input: terminal_input(series, before, &u),
+        chain: chain(&u.measured, &u.voltage, &input, &frequency_deviation),
+        input,
         lowest_voltage: voltage.iter().copied().fold(f64::INFINITY, f64::min),
         highest_voltage: voltage.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         voltage,
-        frequency_deviation: frequency::deviation(&u.smooth, &to_edge, series),
+        frequency_deviation,
         active,
         reactive,
         operating_point_deviation: operating_point_deviation(before, active_weights.noise),
@@ -244,28 +295,121 @@ fn assembled(
         used: weights::used(series),
         near_edge: to_edge.iter().map(|d| *d <= two_cycles).collect(),
         edges: u.edges,
-        smooth: u.smooth,
-        at_edge: u.at_edge,
+        filter: u.filter,
+        origin: Some(Origin {
+            terminal: u.voltage,
+            measured: u.measured,
+        }),
         spikes: 0,
     })
 }
 
-fn terminal_input(
-    series: &Series,
-    before: &operating_point::PreEvent,
-    u: &Voltage,
-) -> TerminalInput {
-    let (real, imaginary) =
-        smoothing::reconstruct(&u.smooth, &u.at_edge, &u.edges, POINTS_PER_SAMPLE);
-    TerminalInput {
-        real,
-        imaginary,
-        points_per_sample: POINTS_PER_SAMPLE,
-        sample_interval_s: 1.0 / series.rate_fps,
-        dense: vec![false; u.at_edge.len()],
-        jumps: u.at_edge.clone(),
-        synchronous_speed_rad_s: 2.0 * PI * before.frequency_hz,
+/// `|u|` at the samples as the instrument sees it, without its noise.
+fn seen_voltage(u: &Terminal, samples: usize) -> Vec<f64> {
+    (0..samples)
+        .map(|k| {
+            if u.measured.in_reach(u.voltage.jumps(), k) {
+                let missed = u.voltage.residual(&u.measured, k);
+                u.measured.log[k].re.exp() * (1.0 - missed).norm()
+            } else {
+                u.voltage.at_sample(k).re.exp()
+            }
+        })
+        .collect()
+}
+
+/// For each sample, what the filter leaves unexplained of the voltage of the jumps spread over it.
+fn mismatch(u: &Terminal, samples: usize) -> Vec<f64> {
+    (0..samples)
+        .map(|k| {
+            (u.voltage.jumps().iter().zip(&u.edges))
+                .filter(|(jump, _)| u.measured.spread(jump, k))
+                .map(|(_, edge)| edge.mismatch)
+                .fold(0.0, f64::max)
+        })
+        .collect()
+}
+
+/// Samples close to a steep step that no jump explains. Without a filter every sample is right up to
+/// the jump itself.
+fn near_unexplained(u: &Terminal, samples: usize) -> Vec<bool> {
+    const REACH: usize = 3;
+    if u.filter == Some(PhasorFilter::None) {
+        return vec![false; samples];
     }
+    (0..samples)
+        .map(|k| {
+            let steps = k.saturating_sub(REACH)..(k + REACH).min(u.unexplained.len());
+            u.unexplained[steps].iter().any(|x| *x)
+        })
+        .collect()
+}
+
+fn terminal_input(measured: &Measured, voltage: &Voltage, speed_rad_s: f64) -> TerminalInput {
+    let samples = measured.log.len();
+    let per = POINTS_PER_SAMPLE;
+    let fine: Vec<Log> = (0..(samples - 1) * per + 1)
+        .map(|i| voltage.on_grid(i as f64 / per as f64, per).exp())
+        .collect();
+    let mut jumps = vec![false; samples - 1];
+    for jump in voltage.jumps() {
+        // The jump is spread over one fine interval, which may reach into the next sample's.
+        let blurred = 0.5 / per as f64;
+        for edge in [jump.position - blurred, jump.position + blurred] {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "clamped to the samples"
+            )]
+            let interval = edge.max(0.0) as usize;
+            jumps[interval.min(samples - 2)] = true;
+        }
+    }
+    TerminalInput {
+        real: fine.iter().map(|u| u.re).collect(),
+        imaginary: fine.iter().map(|u| u.im).collect(),
+        points_per_sample: per,
+        sample_interval_s: measured.interval_s,
+        dense: dense_intervals(measured, voltage, samples),
+        jumps,
+        synchronous_speed_rad_s: speed_rad_s,
+    }
+}
+
+/// The intervals under the windows of filtered samples, and one more each side.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a filter spans a handful of samples"
+)]
+fn dense_intervals(measured: &Measured, voltage: &Voltage, samples: usize) -> Vec<bool> {
+    let reach = measured.half_width.ceil() as usize;
+    let mut dense = vec![false; samples - 1];
+    for k in (0..samples).filter(|&k| measured.in_reach(voltage.jumps(), k)) {
+        let window = k.saturating_sub(reach + 1)..(k + reach + 1).min(samples - 1);
+        dense[window].fill(true);
+    }
+    dense
+}
+
+fn chain(
+    measured: &Measured,
+    voltage: &Voltage,
+    input: &TerminalInput,
+    frequency_deviation: &[f64],
+) -> MeasurementChain {
+    let positions: Vec<f64> = voltage.jumps().iter().map(|j| j.position).collect();
+    let filtered: Vec<bool> = (0..measured.log.len())
+        .map(|k| measured.in_reach(voltage.jumps(), k))
+        .collect();
+    MeasurementChain::new(&ChainParts {
+        input,
+        filter: measured.filter,
+        half_width: measured.half_width,
+        jumps: &positions,
+        filtered: &filtered,
+        frequency_deviation,
+    })
 }
 
 fn operating_point_deviation(before: &operating_point::PreEvent, noise: f64) -> f64 {
@@ -278,28 +422,25 @@ fn operating_point_deviation(before: &operating_point::PreEvent, noise: f64) -> 
 }
 
 /// ln|V/V0| and angle without the pre-event slope.
-fn terminal_phasor(series: &Series, before: &operating_point::PreEvent) -> Vec<LogPhasor> {
+fn terminal_log(series: &Series, before: &operating_point::PreEvent) -> Vec<Log> {
     (0..series.len())
         .map(|k| {
             let turn = before.angle + before.angle_slope * k as f64;
-            [
+            Log::new(
                 (series.voltage[k].max(1e-3) / before.voltage).ln(),
                 series.angle[k] - turn,
-            ]
+            )
         })
         .collect()
 }
 
-fn check_disturbance(
-    phasor: &[[f64; 2]],
-    series: &Series,
-    options: &IntakeOptions,
-) -> Result<(), Unusable> {
-    let change = phasor
+fn check_disturbance(measured: &Measured, options: &IntakeOptions) -> Result<(), Unusable> {
+    let change = measured
+        .log
         .iter()
-        .zip(&series.bad)
+        .zip(&measured.bad)
         .filter(|(_, bad)| !**bad)
-        .map(|(u, _)| (u[0].hypot(u[1]) - 1.0).abs())
+        .map(|(l, _)| (l.re.exp() - 1.0).abs())
         .fold(0.0, f64::max);
     if change < options.voltage_change_min {
         Err(Unusable::NoDisturbance { change })

@@ -2,7 +2,13 @@
 //! the fit: for studies of the fit alone, and for callers with a model of their own measurement.
 
 use super::PreparedEvent;
-use crate::load_model::TerminalInput;
+use crate::{
+    identification::{
+        measurement_chain::{ChainParts, MeasurementChain},
+        phasor_filter::PhasorFilter,
+    },
+    load_model::TerminalInput,
+};
 
 /// Terminal voltage, power over P0 and the noise of each channel.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,9 +43,15 @@ impl From<KnownTerminal> for PreparedEvent {
         let voltage: Vec<f64> = (0..samples)
             .map(|k| phasor(k)[0].hypot(phasor(k)[1]))
             .collect();
-        let smooth = (0..samples)
-            .map(|k| [voltage[k].ln(), phasor(k)[1].atan2(phasor(k)[0])])
-            .collect();
+        let frequency_deviation = vec![0.0; samples];
+        let chain = MeasurementChain::new(&ChainParts {
+            input: &input,
+            filter: PhasorFilter::None,
+            half_width: 0.0,
+            jumps: &[],
+            filtered: &vec![false; samples],
+            frequency_deviation: &frequency_deviation,
+        });
         let jumps = &input.jumps;
         let near_edge = (0..samples)
             .map(|k| (k.saturating_sub(2)..k + 2).any(|i| jumps.get(i) == Some(&true)))
@@ -54,7 +66,7 @@ impl From<KnownTerminal> for PreparedEvent {
             event_start: known.event_start,
             lowest_voltage: voltage.iter().copied().fold(f64::INFINITY, f64::min),
             highest_voltage: voltage.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-            frequency_deviation: vec![0.0; samples],
+            frequency_deviation,
             active: known.active,
             reactive: known.reactive,
             active_deviation: vec![known.noise[0]; samples],
@@ -65,8 +77,9 @@ impl From<KnownTerminal> for PreparedEvent {
             near_edge,
             operating_point_deviation: known.operating_point_deviation,
             edges: Vec::new(),
-            smooth,
-            at_edge: input.jumps.clone(),
+            filter: None,
+            chain,
+            origin: None,
             spikes: 0,
             voltage,
             input,
