@@ -1,32 +1,74 @@
 //! The tiers: which directions are explored, in which order, and when it is enough.
 
+use std::{collections::VecDeque, ops::Range};
+
 use nalgebra::DVector;
+use rayon::prelude::*;
 
 use super::{
     DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search,
     directions::Direction,
     exit_point::{ExitSearch, PathEnd},
+    known::Known,
 };
-use crate::numerics::{Cost, LocalSolution};
+use crate::numerics::{Cost, Expansion, LocalSolution, local_solver::Termination};
 
 /// What the tiers need to know of a formulation of the problem.
 pub(super) trait Form: Sync {
+    /// What a formulation keeps of the solutions known so far.
+    fn known<'s>(&self, solutions: &mut dyn Iterator<Item = &'s LocalSolution>) -> Known;
     /// The local solution that a start leads to; none when no feasible point is reached (steps 1
     /// and 2 of section 5).
-    fn settle(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost);
+    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost);
     /// The directions to be followed from a solution (step 3).
     fn directions(&self, from: &LocalSolution) -> Vec<Direction>;
     /// Follows one of them (steps 4 to 6).
-    fn follow(&self, from: &LocalSolution, direction: &Direction) -> Followed;
+    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed;
+}
+
+/// Where the local solver ended.
+pub(super) enum Reached {
+    /// At a solution.
+    Solution(LocalSolution),
+    /// On its way to the known solution of this index.
+    Known(usize),
+}
+
+impl Reached {
+    /// From a solution in scaled coordinates; none at the edge of the domain.
+    pub(super) fn new(
+        found: LocalSolution,
+        known: &Known,
+        unscaled: impl FnOnce(&LocalSolution) -> LocalSolution,
+    ) -> Option<Self> {
+        match found.termination {
+            Termination::Recognised => {
+                let expansion = Expansion {
+                    value: found.value,
+                    gradient: found.gradient,
+                    curvature: found.curvature,
+                };
+                known.recognised(&found.x, &expansion).map(Self::Known)
+            }
+            end => (end.is_feasible()).then(|| Self::Solution(unscaled(&found))),
+        }
+    }
 }
 
 /// Where a direction led.
 pub(super) struct Followed {
     pub(super) path: ExitSearch,
     /// The solution beyond the exit point, if there is one and the local solver reached it.
-    pub(super) reached: Option<LocalSolution>,
+    pub(super) reached: Option<Reached>,
     pub(super) cost: Cost,
+    /// Whether it was not cut short by a cancellation.
+    pub(super) complete: bool,
 }
+
+/// Directions (or starts) that are followed side by side, all from the same state of knowledge: a
+/// fixed number, so that the outcome does not depend on how many threads there are. More would find
+/// the same new solution several times over.
+const SIDE_BY_SIDE: usize = 16;
 
 /// Whether two solutions are one.
 type Same<'a> = &'a (dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync);
@@ -59,6 +101,14 @@ pub(super) fn explore(
     }
 }
 
+/// A direction that is waiting to be followed.
+struct Task {
+    from: usize,
+    local: LocalSolution,
+    number: usize,
+    direction: Direction,
+}
+
 struct Explorer<'a> {
     form: &'a dyn Form,
     same: Same<'a>,
@@ -70,16 +120,23 @@ struct Explorer<'a> {
 }
 
 impl Explorer<'_> {
-    /// Tier 0. Returns a reason to end, if there is one already.
+    /// Tier 0: the first start by itself, then the others side by side. Returns a reason to end, if
+    /// there is one already.
     fn settle_starts(&mut self, starts: &[DVector<f64>]) -> Option<Ended> {
-        for start in starts {
+        let (first, others) = starts.split_at(starts.len().min(1));
+        for some in std::iter::once(first).chain(others.chunks(SIDE_BY_SIDE)) {
             if let Some(ended) = self.interruption() {
                 return Some(ended);
             }
-            let (settled, cost) = self.form.settle(start);
-            self.cost += cost;
-            if let Some(local) = settled {
-                self.admit(local, 0, None);
+            let (form, known) = (self.form, self.known());
+            let settled: Vec<_> = (some.par_iter())
+                .map(|start| form.settle(start, &known))
+                .collect();
+            for (reached, cost) in settled {
+                self.cost += cost;
+                if let Some(reached) = reached {
+                    self.admit(reached, 0, None);
+                }
             }
         }
         self.solutions.is_empty().then_some(Ended::NoSolution)
@@ -90,13 +147,8 @@ impl Explorer<'_> {
         for tier in 1..=self.options.tiers_max {
             let tier_before = begun..self.solutions.len();
             begun = tier_before.end;
-            for index in tier_before {
-                if !self.worth_exploring(index) {
-                    continue;
-                }
-                if let Some(ended) = self.follow_all_from(index, tier) {
-                    return ended;
-                }
+            if let Some(ended) = self.explore_tier(tier_before, tier) {
+                return ended;
             }
             if self.solutions.len() == begun {
                 return Ended::NothingNew { tier };
@@ -112,51 +164,78 @@ impl Explorer<'_> {
         let best = (self.solutions.iter())
             .map(|s| s.local.value)
             .fold(f64::INFINITY, f64::min);
-        let within = self.options.explore_within;
-        within.is_infinite()
-            || self.solutions[index].local.value <= best + (within - 1.0) * best.abs()
+        self.solutions[index].local.value <= self.options.worth_exploring_below(best)
     }
 
-    /// Explores every direction of one solution. Returns a reason to end, if there is one.
-    fn follow_all_from(&mut self, index: usize, tier: usize) -> Option<Ended> {
-        let (from, local) = (
-            self.solutions[index].id,
-            self.solutions[index].local.clone(),
-        );
-        let directions = self.form.directions(&local);
-        for (number, direction) in (1..).zip(directions) {
+    /// Explores every direction of the solutions `indices`. Returns a reason to end, if there is
+    /// one.
+    fn explore_tier(&mut self, mut indices: Range<usize>, tier: usize) -> Option<Ended> {
+        let mut waiting = VecDeque::new();
+        loop {
+            while waiting.len() < SIDE_BY_SIDE {
+                let Some(index) = indices.next() else { break };
+                if self.worth_exploring(index) {
+                    let found = &self.solutions[index];
+                    let directions = self.form.directions(&found.local);
+                    let task = |(number, direction)| Task {
+                        from: found.id,
+                        local: found.local.clone(),
+                        number,
+                        direction,
+                    };
+                    waiting.extend((1..).zip(directions).map(task));
+                }
+            }
+            if waiting.is_empty() {
+                return None;
+            }
             if let Some(ended) = self.interruption() {
                 return Some(ended);
             }
-            let followed = self.form.follow(&local, &direction);
+            let some: Vec<Task> = waiting.drain(..waiting.len().min(SIDE_BY_SIDE)).collect();
+            self.follow_side_by_side(some, tier);
+        }
+    }
+
+    fn follow_side_by_side(&mut self, tasks: Vec<Task>, tier: usize) {
+        let (form, known) = (self.form, self.known());
+        let followed: Vec<Followed> = (tasks.par_iter())
+            .map(|task| form.follow(&task.local, &task.direction, &known))
+            .collect();
+        for (task, followed) in tasks.into_iter().zip(followed) {
             self.cost += followed.cost;
             // A direction that was cut short has no outcome to record.
-            if (self.cancel)() {
-                return Some(Ended::Cancelled);
+            if !followed.complete {
+                continue;
             }
             let exit_distance = followed.path.exit_distance();
-            let outcome = self.outcome(followed.path.end, followed.reached, tier, (from, number));
+            let origin = (task.from, task.number);
+            let outcome = self.outcome(followed.path.end, followed.reached, tier, origin);
             self.directions.push(DirectionRecord {
-                from,
-                direction: number,
-                label: direction.label,
+                from: task.from,
+                direction: task.number,
+                label: task.direction.label,
                 exit_distance,
                 outcome,
                 profile: followed.path.profile,
             });
         }
-        None
+    }
+
+    fn known(&self) -> Known {
+        let mut solutions = self.solutions.iter().map(|found| &found.local);
+        self.form.known(&mut solutions)
     }
 
     fn outcome(
         &mut self,
         end: PathEnd,
-        reached: Option<LocalSolution>,
+        reached: Option<Reached>,
         tier: usize,
         origin: (usize, usize),
     ) -> DirectionOutcome {
         match (end, reached) {
-            (PathEnd::Exit { .. }, Some(local)) => self.admit(local, tier, Some(origin)),
+            (PathEnd::Exit { .. }, Some(reached)) => self.admit(reached, tier, Some(origin)),
             (PathEnd::Exit { .. }, None) => DirectionOutcome::LocalSolverInfeasible,
             (
                 PathEnd::NoExit {
@@ -174,10 +253,16 @@ impl Explorer<'_> {
     /// Adds a solution unless it is known (step 7).
     fn admit(
         &mut self,
-        local: LocalSolution,
+        reached: Reached,
         tier: usize,
         origin: Option<(usize, usize)>,
     ) -> DirectionOutcome {
+        let local = match reached {
+            Reached::Known(index) => {
+                return DirectionOutcome::KnownSolution(self.solutions[index].id);
+            }
+            Reached::Solution(local) => local,
+        };
         if let Some(known) = self
             .solutions
             .iter_mut()
