@@ -10,6 +10,9 @@ use super::{
     hold_out::held_out,
     intake::{IntakeOptions, PreparedEvent, prepare},
     joint_problem::{LINEAR, OUTER, ProblemOptions},
+    paper_problem::{PAPER, PAPER_NAMES},
+    scan_comparison::ScanComparison,
+    solution::Ended,
     validate::{Evidence, ValidationOptions, validate},
 };
 use crate::{
@@ -68,6 +71,10 @@ pub struct Identification {
     pub solutions: Vec<Solution>,
     /// Every search direction and its outcome.
     pub directions: Vec<DirectionRecord>,
+    /// Why the search ended.
+    pub ended: Ended,
+    /// What a scan says of the search, where one was asked for.
+    pub scan: Option<ScanComparison>,
     /// What it cost; `seconds` is left at 0, time is not known here.
     pub cost: Cost,
     /// Events that could not be used, with the reason.
@@ -188,6 +195,8 @@ pub fn identify(
         set,
         solutions,
         directions: found.directions,
+        ended: found.ended,
+        scan: found.scan,
         cost: found.cost,
         refused,
     })
@@ -354,7 +363,7 @@ fn split(
     }
 }
 
-fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
+pub(super) fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
     let median = |value: fn(&PreparedEvent) -> f64| {
         let mut values: Vec<f64> = events.iter().map(value).collect();
         values.sort_by(f64::total_cmp);
@@ -412,20 +421,38 @@ fn solution_records(
                 found_from: solution.found.found_from,
                 direction: solution.found.direction,
                 objective: solution.point.objective,
-                parameters: named
-                    .parameters
-                    .into_iter()
-                    .map(|p| (p.name, p.value))
+                parameters: (named.parameters.into_iter())
+                    .map(|p| {
+                        let value = paper_value(solution, &p.name).unwrap_or(p.value);
+                        (p.name, value)
+                    })
                     .collect(),
                 coordinates: estimates::coordinate_names()
                     .into_iter()
                     .map(str::to_owned)
                     .zip(coordinates)
                     .collect(),
-                at_bound: estimates::names_at_bound(solution),
+                at_bound: match &solution.paper {
+                    Some((_, active)) => active.clone(),
+                    None => estimates::names_at_bound(solution),
+                },
             }
         })
         .collect()
+}
+
+/// A parameter where the paper's formulation put it; elsewhere the null direction leaves it open.
+fn paper_value(solution: &FitSolution, name: &str) -> Option<f64> {
+    let (nine, _) = solution.paper.as_ref()?;
+    let value = |name: &str| {
+        let index = (0..PAPER).find(|&i| PAPER_NAMES[i] == name)?;
+        Some(nine[index])
+    };
+    match name {
+        "Pi" => Some(1.0 - value("Pz")? - value("Pp")?),
+        "Qi" => Some(1.0 - value("Qz")? - value("Qq")?),
+        _ => value(name),
+    }
 }
 
 fn assemble(

@@ -155,6 +155,34 @@ impl<'a> JointProblem<'a> {
 
     /// Evaluates the problem with exact sensitivities.
     pub fn point(&self, x: &DVector<f64>) -> Option<JointPoint> {
+        self.solve(&self.sensitivity_sum(x)?)
+            .filter(|p| p.objective.is_finite())
+    }
+
+    /// The same with given linear coefficients instead of the best ones; and the gradient with
+    /// respect to them.
+    pub(super) fn point_at(
+        &self,
+        x: &DVector<f64>,
+        linear: [f64; LINEAR],
+    ) -> Option<(JointPoint, DVector<f64>)> {
+        let sum = self.sensitivity_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        let gradient = &h * DVector::from_column_slice(&linear) + &g;
+        let point = self.point_with(&sum, (&h, &g), linear);
+        point.objective.is_finite().then_some((point, gradient))
+    }
+
+    /// The objective with given linear coefficients.
+    pub(super) fn value_at(&self, x: &DVector<f64>, linear: [f64; LINEAR]) -> Option<f64> {
+        let sum = self.plain_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        let value = self.objective(&sum, &h, &g, &linear);
+        value.is_finite().then_some(value)
+    }
+
+    /// The Gram matrices of all events with sensitivities, random effects removed.
+    fn sensitivity_sum(&self, x: &DVector<f64>) -> Option<Gram> {
         let motor = MotorCoordinates {
             alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
             nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
@@ -172,10 +200,19 @@ impl<'a> JointProblem<'a> {
             let rest = reactive_at_rest(&motor);
             sum += self.marginal(event, &sensitivity_gram(event, &out, rest, scaled));
         }
-        self.solve(&sum).filter(|p| p.objective.is_finite())
+        Some(sum)
     }
 
     fn value_only(&self, x: &DVector<f64>) -> Option<f64> {
+        let sum = self.plain_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        let beta = self.linear_optimum(&h, &g)?;
+        let value = self.objective(&sum, &h, &g, &beta);
+        value.is_finite().then_some(value)
+    }
+
+    /// The Gram matrices of all events without sensitivities, random effects removed.
+    fn plain_sum(&self, x: &DVector<f64>) -> Option<Gram> {
         let motor = motor_coordinates(x);
         let mut out = MotorOutput::default();
         let mut sum = Gram::zeros();
@@ -189,10 +226,7 @@ impl<'a> JointProblem<'a> {
             let rest = reactive_at_rest(&motor);
             sum += self.marginal(event, &plain_gram(event, &out, rest, scaled));
         }
-        let (h, g) = self.linear_system(&sum);
-        let beta = self.linear_optimum(&h, &g)?;
-        let value = self.objective(&sum, &h, &g, &beta);
-        value.is_finite().then_some(value)
+        Some(sum)
     }
 
     /// Removes the random effects: `G_aa - G_af (I + G_ff)^-1 G_fa`, with the random columns scaled
@@ -305,6 +339,15 @@ impl<'a> JointProblem<'a> {
     fn solve(&self, sum: &Gram) -> Option<JointPoint> {
         let (h, g) = self.linear_system(sum);
         let beta = self.linear_optimum(&h, &g)?;
+        Some(self.point_with(sum, (&h, &g), beta))
+    }
+
+    fn point_with(
+        &self,
+        sum: &Gram,
+        (h, g): (&DMatrix<f64>, &DVector<f64>),
+        beta: [f64; LINEAR],
+    ) -> JointPoint {
         let share = beta[0];
         let size = OUTER + LINEAR;
         let scale = |i: usize| if i < OUTER { share } else { 1.0 };
@@ -326,14 +369,19 @@ impl<'a> JointProblem<'a> {
             let close = 1e-9 * (high - low);
             beta[i] - low <= close || high - beta[i] <= close
         });
-        Some(JointPoint {
-            objective: self.objective(sum, &h, &g, &beta),
+        JointPoint {
+            objective: self.objective(sum, h, g, &beta),
             linear: beta,
             linear_at_bound: at_bound,
             linear_free: null_space(&self.active_rows(&beta, at_bound)),
             information,
             gradient,
-        })
+        }
+    }
+
+    /// The events.
+    pub(super) const fn events(&self) -> &'a [PreparedEvent] {
+        self.events
     }
 }
 

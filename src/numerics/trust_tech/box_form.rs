@@ -163,7 +163,9 @@ impl Form for BoxForm<'_> {
             let inside = self.cross_into_next_region(&mut counted, &origin, point, known);
             reached = inside.and_then(|start| self.local_solution(&mut counted, start, known));
         }
+        let spans = &self.scaled.spans;
         Followed {
+            exit_point: path.exit_point().map(|point| point.component_mul(spans)),
             path,
             reached,
             cost: counted.cost,

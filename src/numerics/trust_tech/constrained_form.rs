@@ -316,7 +316,12 @@ impl Form for ConstrainedForm<'_> {
                 None => (ExitSearch::nowhere(from.value), None),
             },
         };
+        let exit_point = path.exit_point().map(|point| {
+            let parameters = self.slack.parameters_of(point);
+            parameters.component_mul(&self.scaled.spans)
+        });
         Followed {
+            exit_point,
             path,
             reached,
             cost: counted.cost,

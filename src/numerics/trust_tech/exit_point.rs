@@ -25,6 +25,14 @@ impl ExitSearch {
         ended(vec![(0.0, value)], 0.0, false)
     }
 
+    /// The exit point, if there is one.
+    pub(super) fn exit_point(&self) -> Option<&DVector<f64>> {
+        match &self.end {
+            PathEnd::Exit { point } => Some(point),
+            PathEnd::NoExit { .. } => None,
+        }
+    }
+
     pub(super) fn exit_distance(&self) -> Option<f64> {
         match self.end {
             PathEnd::Exit { .. } => self.profile.last().map(|&(distance, _)| distance),

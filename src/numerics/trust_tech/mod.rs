@@ -166,6 +166,35 @@ impl Options {
     }
 }
 
+/// Where a search begins.
+#[derive(Clone, Copy)]
+pub struct Starts<'a> {
+    /// What tier 0 begins with.
+    pub first: &'a [DVector<f64>],
+    /// More starts, asked for once, after the tiers have ended, with what was found until then; from
+    /// the new solutions they lead to, if any, the tiers go on.
+    pub second: &'a (dyn Fn(&[FoundSolution]) -> Vec<DVector<f64>> + Sync),
+}
+
+impl<'a> Starts<'a> {
+    /// These starts and no others.
+    pub fn only(first: &'a [DVector<f64>]) -> Self {
+        Self {
+            first,
+            second: &|_| Vec::new(),
+        }
+    }
+}
+
+impl std::fmt::Debug for Starts<'_> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Starts")
+            .field("first", &self.first)
+            .finish_non_exhaustive()
+    }
+}
+
 /// Searches the box `bounds` for every local minimum of `problem`.
 ///
 /// The local solver is applied to every start (tier 0), then every direction of every solution of
@@ -178,7 +207,7 @@ impl Options {
 pub fn search(
     problem: &dyn Objective,
     bounds: &Bounds,
-    starts: &[DVector<f64>],
+    starts: &Starts<'_>,
     user_directions: &[UserDirection],
     same: &(dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync),
     options: &Options,
@@ -229,7 +258,7 @@ impl std::fmt::Debug for ConstrainedProblem<'_> {
 /// energy (7) instead of the objective). Distances include the slacks.
 pub fn search_constrained(
     problem: &ConstrainedProblem<'_>,
-    starts: &[DVector<f64>],
+    starts: &Starts<'_>,
     user_directions: &[UserDirection],
     same: &(dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync),
     options: &Options,

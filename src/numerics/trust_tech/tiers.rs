@@ -6,7 +6,7 @@ use nalgebra::DVector;
 use rayon::prelude::*;
 
 use super::{
-    DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search,
+    DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search, Starts,
     directions::Direction,
     exit_point::{ExitSearch, PathEnd},
     known::Known,
@@ -61,6 +61,8 @@ pub(super) struct Followed {
     /// The solution beyond the exit point, if there is one and the local solver reached it.
     pub(super) reached: Option<Reached>,
     pub(super) cost: Cost,
+    /// The exit point, in the caller's coordinates.
+    pub(super) exit_point: Option<DVector<f64>>,
     /// Whether it was not cut short by a cancellation.
     pub(super) complete: bool,
 }
@@ -76,7 +78,7 @@ type Same<'a> = &'a (dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync);
 /// Explores `form` from `starts`, tier by tier.
 pub(super) fn explore(
     form: &dyn Form,
-    starts: &[DVector<f64>],
+    starts: &Starts<'_>,
     same: Same<'_>,
     options: &Options,
     cancel: &(dyn Fn() -> bool + Sync),
@@ -90,9 +92,7 @@ pub(super) fn explore(
         directions: Vec::new(),
         cost: Cost::default(),
     };
-    let ended = explorer
-        .settle_starts(starts)
-        .unwrap_or_else(|| explorer.climb_tiers());
+    let ended = explorer.run(starts);
     Search {
         solutions: explorer.solutions,
         directions: explorer.directions,
@@ -120,11 +120,31 @@ struct Explorer<'a> {
 }
 
 impl Explorer<'_> {
+    fn run(&mut self, starts: &Starts<'_>) -> Ended {
+        if let Some(ended) = self.settle_starts(starts.first) {
+            return ended;
+        }
+        let ended = self.climb_tiers(0);
+        if !matches!(ended, Ended::NothingNew { .. }) {
+            return ended;
+        }
+        let known = self.solutions.len();
+        if let Some(ended) = self.settle_starts(&(starts.second)(&self.solutions)) {
+            return ended;
+        }
+        if self.solutions.len() == known {
+            ended
+        } else {
+            self.climb_tiers(known)
+        }
+    }
+
     /// Tier 0: the first start by itself, then the others side by side. Returns a reason to end, if
     /// there is one already.
     fn settle_starts(&mut self, starts: &[DVector<f64>]) -> Option<Ended> {
         let (first, others) = starts.split_at(starts.len().min(1));
-        for some in std::iter::once(first).chain(others.chunks(SIDE_BY_SIDE)) {
+        let first = (!first.is_empty()).then_some(first);
+        for some in first.into_iter().chain(others.chunks(SIDE_BY_SIDE)) {
             if let Some(ended) = self.interruption() {
                 return Some(ended);
             }
@@ -142,8 +162,8 @@ impl Explorer<'_> {
         self.solutions.is_empty().then_some(Ended::NoSolution)
     }
 
-    fn climb_tiers(&mut self) -> Ended {
-        let mut begun = 0;
+    /// The tiers above the solutions from index `begun` on.
+    fn climb_tiers(&mut self, mut begun: usize) -> Ended {
         for tier in 1..=self.options.tiers_max {
             let tier_before = begun..self.solutions.len();
             begun = tier_before.end;
@@ -216,6 +236,7 @@ impl Explorer<'_> {
                 direction: task.number,
                 label: task.direction.label,
                 exit_distance,
+                exit_point: followed.exit_point,
                 outcome,
                 profile: followed.path.profile,
             });
