@@ -13,6 +13,7 @@ use crate::{
     disturbance::{ScreeningOptions, Window, screen},
     identification::{
         self, Identification, IdentificationError, IdentificationOptions, Split,
+        fit::{Formulation, SearchOptions},
         joint_problem::PAPER_SHARES,
     },
     measurement::Site,
@@ -85,6 +86,22 @@ pub struct FitArgs {
     /// Bounds the static shares of P to 0.1 to 0.9 and the motor share from 0.1, as the paper does.
     #[arg(long)]
     pub paper_box: bool,
+    /// In which unknowns to search: three nonlinear coordinates, or the paper's nine parameters in
+    /// its box (14) (with decades in logarithms, or all as they are).
+    #[arg(long, value_enum, default_value_t = FormulationArg::Reduced)]
+    pub formulation: FormulationArg,
+}
+
+/// In which unknowns to search.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum FormulationArg {
+    /// Three nonlinear coordinates.
+    #[default]
+    Reduced,
+    /// The paper's nine parameters, decades in logarithms.
+    Paper,
+    /// The paper's nine parameters as they are.
+    PaperLinear,
 }
 
 impl FitArgs {
@@ -94,6 +111,11 @@ impl FitArgs {
         let named = !(self.train.is_empty() && self.hold_out.is_empty());
         let mut default = IdentificationOptions::default();
         default.problem.static_shares = self.paper_box.then_some(PAPER_SHARES);
+        default.search = SearchOptions::of(match self.formulation {
+            FormulationArg::Reduced => Formulation::Reduced,
+            FormulationArg::Paper => Formulation::Paper,
+            FormulationArg::PaperLinear => Formulation::PaperLinear,
+        });
         if !named {
             return default;
         }

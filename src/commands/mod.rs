@@ -15,6 +15,7 @@ pub mod identify;
 pub mod inspect;
 pub mod replay;
 pub mod run;
+pub mod solutions;
 pub mod subscribe;
 
 use std::{
@@ -64,6 +65,8 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Fit a site folder, list all solutions, validate
     Identify(identify::IdentifyArgs),
+    /// Tell every local solution of a fit, how each was found, and whether a scan finds more
+    Solutions(solutions::SolutionsArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
     /// Make synthetic sites whose truth is known
@@ -89,6 +92,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Subscribe(args) => subscribe::run(&args, out),
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
+        Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),

@@ -55,6 +55,7 @@ impl Default for SearchOptions {
             // another load; where it lies exactly is of no interest either.
             explore_within: 1.5,
             coarse_decrease_relative: 1e-3,
+            evaluations_max: 4000,
             ..trust_tech::Options::default()
         };
         // The objective is a sum of squares of some thousand samples: a relative decrease below
@@ -160,8 +161,7 @@ pub fn fit(
     if solutions.is_empty() {
         return None;
     }
-    let scan = (options.check.cells())
-        .map(|cells| ScanComparison::new(&problem, &solutions, cells, options, cancel));
+    let scan = check(events, *problem.options(), options, &solutions, cancel);
     Some(Fit {
         solutions,
         directions,
@@ -173,6 +173,22 @@ pub fn fit(
             seconds: 0.0,
         },
     })
+}
+
+/// Holds the solutions of a fit against a scan, when the options ask for it.
+#[must_use]
+pub fn check(
+    events: &[PreparedEvent],
+    problem: ProblemOptions,
+    options: &SearchOptions,
+    solutions: &[FitSolution],
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<ScanComparison> {
+    let cells = options.check.cells()?;
+    let problem = JointProblem::new(events, problem, cancel);
+    Some(ScanComparison::new(
+        &problem, solutions, cells, options, cancel,
+    ))
 }
 
 fn paper_problem<'a>(problem: &'a JointProblem<'a>, scale: Scale) -> PaperProblem<'a> {

@@ -6,12 +6,12 @@ use super::{
     edge_timing::align,
     estimates::{self, Estimates},
     evaluate::{FittedModel, StaticModel, errors},
-    fit::{Fit, FitSolution, SearchOptions, fit},
+    fit::{Fit, FitSolution, SearchOptions, check, fit},
     hold_out::held_out,
     intake::{IntakeOptions, PreparedEvent, prepare},
     joint_problem::{LINEAR, OUTER, ProblemOptions},
     paper_problem::{PAPER, PAPER_NAMES},
-    scan_comparison::ScanComparison,
+    scan_comparison::{ScanCheck, ScanComparison},
     solution::Ended,
     validate::{Evidence, ValidationOptions, validate},
 };
@@ -214,8 +214,12 @@ fn fit_aligned(
     const SETTLED: f64 = 0.01;
     let mut before: Option<f64> = None;
     let mut spent = Cost::default();
+    let unchecked = SearchOptions {
+        check: ScanCheck::Off,
+        ..*search
+    };
     for round in 1.. {
-        let found = fit(&events, problem, search, cancel);
+        let found = fit(&events, problem, &unchecked, cancel);
         if cancel() {
             return Err(IdentificationError::Cancelled);
         }
@@ -229,6 +233,7 @@ fn fit_aligned(
         let objective = best.point.objective;
         let settled = before.is_some_and(|b| b - objective < SETTLED * b);
         if settled || round == ROUNDS_MAX || events.iter().all(|e| e.edges.is_empty()) {
+            found.scan = check(&events, problem, search, &found.solutions, cancel);
             return Ok((found, events));
         }
         before = Some(objective);

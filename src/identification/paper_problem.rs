@@ -287,6 +287,3 @@ impl Constraints for PaperProblem<'_> {
         Some(rows)
     }
 }
-
-#[cfg(test)]
-mod tests;

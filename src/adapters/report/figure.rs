@@ -201,6 +201,22 @@ impl Figure {
         })
     }
 
+    /// The figure as an SVG file of its own, with its colours written out.
+    ///
+    /// # Errors
+    ///
+    /// [`ReportError::Drawing`] when plotters refuses.
+    pub(super) fn document(&self) -> Result<String, ReportError> {
+        let mut svg = self.markup()?.into_string();
+        for ink in Ink::ALL {
+            let RGBColor(r, g, b) = ink.rgb();
+            svg = svg.replace(ink.variable(), &format!("#{r:02X}{g:02X}{b:02X}"));
+        }
+        let root = "<svg xmlns=\"http://www.w3.org/2000/svg\" font-family=\"sans-serif\" \
+                    style=\"background:white\" ";
+        Ok(svg.replacen("<svg ", root, 1) + "\n")
+    }
+
     fn height_px(&self) -> u32 {
         let panels: u32 = self
             .panels

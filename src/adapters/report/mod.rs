@@ -11,6 +11,7 @@ mod event;
 mod figure;
 mod number;
 mod overview;
+mod search_figures;
 mod sentence;
 mod tables;
 
@@ -19,4 +20,5 @@ pub(crate) mod fixture;
 
 pub use document::{Report, Rival, Search, render};
 pub use figure::ReportError;
+pub use search_figures::{along_directions, tiers};
 pub use tables::role;

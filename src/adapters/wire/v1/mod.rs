@@ -16,6 +16,7 @@ mod identification;
 mod json;
 mod parameter_set;
 mod recording;
+mod solutions;
 mod units;
 mod verdict;
 mod waveforms;
@@ -38,6 +39,7 @@ pub use parameter_set::{
 pub use recording::{
     RecordingError, RecordingFiles, RecordingLimits, decode_recording, encode_recording,
 };
+pub use solutions::{DirectionProfileV1, ScanMinimumV1, ScanV1, SolutionsV1, ended_name};
 pub use units::{accepted_units, channel_name};
 pub use verdict::{ChannelVerdictV1, VerdictV1};
 pub use waveforms::{WaveformError, decode_waveforms, encode_waveforms};
