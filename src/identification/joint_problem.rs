@@ -155,7 +155,7 @@ impl<'a> JointProblem<'a> {
 
     /// Evaluates the problem with exact sensitivities.
     pub fn point(&self, x: &DVector<f64>) -> Option<JointPoint> {
-        self.solve(&self.sensitivity_sum(x)?)
+        self.solve(&self.sensitivity_sums(x)?)
             .filter(|p| p.objective.is_finite())
     }
 
@@ -166,10 +166,10 @@ impl<'a> JointProblem<'a> {
         x: &DVector<f64>,
         linear: [f64; LINEAR],
     ) -> Option<(JointPoint, DVector<f64>)> {
-        let sum = self.sensitivity_sum(x)?;
-        let (h, g) = self.linear_system(&sum);
+        let sums = self.sensitivity_sums(x)?;
+        let (h, g) = self.linear_system(&total(&sums));
         let gradient = &h * DVector::from_column_slice(&linear) + &g;
-        let point = self.point_with(&sum, (&h, &g), linear);
+        let point = self.point_with(&sums, (&h, &g), linear);
         point.objective.is_finite().then_some((point, gradient))
     }
 
@@ -181,15 +181,15 @@ impl<'a> JointProblem<'a> {
         value.is_finite().then_some(value)
     }
 
-    /// The Gram matrices of all events with sensitivities, random effects removed.
-    fn sensitivity_sum(&self, x: &DVector<f64>) -> Option<Gram> {
+    /// The Gram matrix of each event with sensitivities, random effects removed.
+    fn sensitivity_sums(&self, x: &DVector<f64>) -> Option<Vec<Marginal>> {
         let motor = MotorCoordinates {
             alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
             nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
             kappa: Dual::<OUTER>::variable(x[2], 2),
         };
         let mut out = MotorOutput::default();
-        let mut sum = Gram::zeros();
+        let mut sums = Vec::with_capacity(self.events.len());
         let scaled = self.options.frequency_scaled_power;
         for event in self.events {
             if (self.cancel)() {
@@ -198,9 +198,9 @@ impl<'a> JointProblem<'a> {
             self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(event, &sensitivity_gram(event, &out, rest, scaled));
+            sums.push(self.marginal(event, &sensitivity_gram(event, &out, rest, scaled)));
         }
-        Some(sum)
+        Some(sums)
     }
 
     fn value_only(&self, x: &DVector<f64>) -> Option<f64> {
@@ -224,14 +224,16 @@ impl<'a> JointProblem<'a> {
             self.simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(event, &plain_gram(event, &out, rest, scaled));
+            sum += self
+                .marginal(event, &plain_gram(event, &out, rest, scaled))
+                .gram;
         }
         Some(sum)
     }
 
     /// Removes the random effects: `G_aa - G_af (I + G_ff)^-1 G_fa`, with the random columns scaled
     /// by their standard deviations.
-    fn marginal(&self, event: &PreparedEvent, gram: &Gram) -> Gram {
+    fn marginal(&self, event: &PreparedEvent, gram: &Gram) -> Marginal {
         let mut deviation = [0.0; RANDOM];
         deviation[..LINEAR].copy_from_slice(&self.options.composition_spread);
         deviation[LINEAR..].fill(event.operating_point_deviation);
@@ -248,8 +250,17 @@ impl<'a> JointProblem<'a> {
         }
         // Identity plus a Gram matrix is positive definite.
         match inner.cholesky() {
-            Some(factor) => gram - cross.transpose() * factor.solve(&cross),
-            None => Gram::repeat(f64::NAN),
+            Some(factor) => {
+                let effects = factor.solve(&cross);
+                Marginal {
+                    gram: gram - cross.transpose() * &effects,
+                    share_deviation: std::array::from_fn(|c| deviation[0] * effects[(0, c)]),
+                }
+            }
+            None => Marginal {
+                gram: Gram::repeat(f64::NAN),
+                share_deviation: [f64::NAN; COLUMNS],
+            },
         }
     }
 
@@ -336,18 +347,19 @@ impl<'a> JointProblem<'a> {
         0.5 * (sum[(Y, Y)] + prior) + 0.5 * (&x.transpose() * h * &x)[0] + g.dot(&x)
     }
 
-    fn solve(&self, sum: &Gram) -> Option<JointPoint> {
-        let (h, g) = self.linear_system(sum);
+    fn solve(&self, sums: &[Marginal]) -> Option<JointPoint> {
+        let (h, g) = self.linear_system(&total(sums));
         let beta = self.linear_optimum(&h, &g)?;
-        Some(self.point_with(sum, (&h, &g), beta))
+        Some(self.point_with(sums, (&h, &g), beta))
     }
 
     fn point_with(
         &self,
-        sum: &Gram,
+        sums: &[Marginal],
         (h, g): (&DMatrix<f64>, &DVector<f64>),
         beta: [f64; LINEAR],
     ) -> JointPoint {
+        let sum = &total(sums);
         let share = beta[0];
         let size = OUTER + LINEAR;
         let scale = |i: usize| if i < OUTER { share } else { 1.0 };
@@ -357,9 +369,14 @@ impl<'a> JointProblem<'a> {
         for (i, w) in weights.iter().enumerate() {
             information[(OUTER + i, OUTER + i)] += w;
         }
+        // Each event with the share it has most probably: the random columns move with the outer
+        // unknowns too.
         let gradient = DVector::from_fn(OUTER, |i, _| {
-            let explained: f64 = (0..LINEAR).map(|j| sum[(i, OUTER + j)] * beta[j]).sum();
-            -share * (sum[(i, Y)] - explained)
+            let of_event = |event: &Marginal| {
+                let slope = residual(&beta, |c| event.gram[(i, c)]);
+                -(share + residual(&beta, |c| event.share_deviation[c])) * slope
+            };
+            sums.iter().map(of_event).sum::<f64>()
         });
         let at_bound = std::array::from_fn(|i| {
             let (mut low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
@@ -383,6 +400,25 @@ impl<'a> JointProblem<'a> {
     pub(super) const fn events(&self) -> &'a [PreparedEvent] {
         self.events
     }
+}
+
+/// An event's Gram matrix without its random effects.
+struct Marginal {
+    gram: Gram,
+    /// The event's most probable deviation from the shared motor share, as a linear form of the
+    /// columns: applied to the residual.
+    share_deviation: [f64; COLUMNS],
+}
+
+fn total(sums: &[Marginal]) -> Gram {
+    sums.iter()
+        .fold(Gram::zeros(), |sum, event| sum + event.gram)
+}
+
+/// A linear form of the columns, applied to `measured - linear model`.
+fn residual(beta: &[f64; LINEAR], form: impl Fn(usize) -> f64) -> f64 {
+    let explained: f64 = (0..LINEAR).map(|j| form(OUTER + j) * beta[j]).sum();
+    form(Y) - explained
 }
 
 impl JointPoint {
