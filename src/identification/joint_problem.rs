@@ -253,7 +253,7 @@ impl<'a> JointProblem<'a> {
             Some(factor) => {
                 let effects = factor.solve(&cross);
                 Marginal {
-                    gram: gram - cross.transpose() * &effects,
+                    gram: gram - cross.transpose() * effects,
                     share_deviation: std::array::from_fn(|c| deviation[0] * effects[(0, c)]),
                 }
             }

@@ -132,14 +132,7 @@ pub(super) fn paper(
         let (a, b) = (projected(&xa, a), projected(&xb, b));
         (linear_close && close_coordinates(&a, &b, &outer)) || is_same(&a, &b, &outer, apart)
     };
-    let cells = (options.start_cells, options.starts_max);
-    let starts: Vec<_> = scan_starts(problem, &outer, cells, cancel)
-        .iter()
-        .filter_map(|x| {
-            let linear = problem.point(x)?.linear;
-            Some(paper.start(&motor_coordinates(x), linear))
-        })
-        .collect();
+    let starts = paper_starts(problem, paper, options, cancel);
     let constrained = ConstrainedProblem {
         objective: paper,
         constraints: paper,
@@ -178,6 +171,22 @@ pub(super) fn paper(
         directions: found.directions,
         ended: found.ended,
     }
+}
+
+/// The starts of the reduced formulation, moved into the paper's box.
+fn paper_starts(
+    problem: &JointProblem<'_>,
+    paper: &PaperProblem<'_>,
+    options: &SearchOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Vec<DVector<f64>> {
+    let cells = (options.start_cells, options.starts_max);
+    let start = |x: &DVector<f64>| {
+        let linear = problem.point(x)?.linear;
+        Some(paper.start(&motor_coordinates(x), linear))
+    };
+    let starts = scan_starts(problem, &outer_bounds(), cells, cancel);
+    starts.iter().filter_map(start).collect()
 }
 
 /// Number of solutions that are worth exploring.

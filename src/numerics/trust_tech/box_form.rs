@@ -105,7 +105,7 @@ impl<'a> BoxForm<'a> {
 const OVERSHOOTS_MAX: u32 = 4;
 
 impl Form for BoxForm<'_> {
-    fn known<'s>(&self, solutions: &mut dyn Iterator<Item = &'s LocalSolution>) -> Known {
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known {
         Known::new(solutions, &self.scaled, self.options, |_| true)
     }
 

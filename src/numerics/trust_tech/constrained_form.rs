@@ -269,7 +269,7 @@ impl<'a> ConstrainedForm<'a> {
 }
 
 impl Form for ConstrainedForm<'_> {
-    fn known<'s>(&self, solutions: &mut dyn Iterator<Item = &'s LocalSolution>) -> Known {
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known {
         Known::new(solutions, self.scaled, self.options, |p| {
             self.slack.is_free_of_own_constraints(p)
         })

@@ -54,6 +54,9 @@ const FALL_WITHOUT_RISE: f64 = 1e-3;
 /// `(x, y) -> x + P(x)(y - x)`; none where there is no such point.
 pub(super) type Projection<'a> = &'a dyn Fn(&DVector<f64>, &DVector<f64>) -> Option<DVector<f64>>;
 
+/// The objective at some points.
+pub(super) type Values<'a> = &'a mut dyn FnMut(&[DVector<f64>]) -> Vec<Option<f64>>;
+
 /// Points of a path that are evaluated together: a path does not depend on the objective until it
 /// ends, and an objective may take several points at the price of one.
 const POINTS_AHEAD: usize = 8;
@@ -69,7 +72,7 @@ pub(super) fn find_exit(
     unit: &DVector<f64>,
     options: &Options,
     project: Projection<'_>,
-    values: &mut dyn FnMut(&[DVector<f64>]) -> Vec<Option<f64>>,
+    values: Values<'_>,
 ) -> ExitSearch {
     let (origin, value_at_origin) = start;
     let mut path = Path::new(origin, unit, options, project);

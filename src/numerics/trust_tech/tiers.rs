@@ -16,7 +16,7 @@ use crate::numerics::{Cost, Expansion, LocalSolution, local_solver::Termination}
 /// What the tiers need to know of a formulation of the problem.
 pub(super) trait Form: Sync {
     /// What a formulation keeps of the solutions known so far.
-    fn known<'s>(&self, solutions: &mut dyn Iterator<Item = &'s LocalSolution>) -> Known;
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known;
     /// The local solution that a start leads to; none when no feasible point is reached (steps 1
     /// and 2 of section 5).
     fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost);
