@@ -13,6 +13,7 @@ use crate::{
     disturbance::{ScreeningOptions, Window, screen},
     identification::{
         self, Identification, IdentificationError, IdentificationOptions, RobustLoss, Split,
+        fit::{Formulation, SearchOptions},
         joint_problem::PAPER_SHARES,
     },
     measurement::Site,
@@ -88,6 +89,10 @@ pub struct FitArgs {
     /// Lets samples with large residuals count less: `huber` or `cauchy`.
     #[arg(long, value_name = "LOSS")]
     pub robust: Option<RobustArg>,
+    /// In which unknowns to search: three nonlinear coordinates, or the paper's nine parameters in
+    /// its box (14) (with decades in logarithms, or all as they are).
+    #[arg(long, value_enum, default_value_t = FormulationArg::Reduced)]
+    pub formulation: FormulationArg,
 }
 
 /// Losses of a robust fit.
@@ -97,6 +102,18 @@ pub enum RobustArg {
     Huber,
     /// Cauchy's: far outliers lose all influence
     Cauchy,
+}
+
+/// In which unknowns to search.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum FormulationArg {
+    /// Three nonlinear coordinates.
+    #[default]
+    Reduced,
+    /// The paper's nine parameters, decades in logarithms.
+    Paper,
+    /// The paper's nine parameters as they are.
+    PaperLinear,
 }
 
 impl FitArgs {
@@ -109,6 +126,11 @@ impl FitArgs {
         default.robust = self.robust.map(|loss| match loss {
             RobustArg::Huber => RobustLoss::HUBER,
             RobustArg::Cauchy => RobustLoss::CAUCHY,
+        });
+        default.search = SearchOptions::of(match self.formulation {
+            FormulationArg::Reduced => Formulation::Reduced,
+            FormulationArg::Paper => Formulation::Paper,
+            FormulationArg::PaperLinear => Formulation::PaperLinear,
         });
         if !named {
             return default;

@@ -154,7 +154,7 @@ fn print_errors(label: &str, errors: &ErrorSummary, out: &mut dyn Write) -> io::
     )
 }
 
-fn print_solutions(found: &Identification, out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn print_solutions(found: &Identification, out: &mut dyn Write) -> io::Result<()> {
     writeln!(
         out,
         "\n{} local solutions, best first",
@@ -185,7 +185,7 @@ fn print_solutions(found: &Identification, out: &mut dyn Write) -> io::Result<()
     Ok(())
 }
 
-fn print_directions(found: &Identification, out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn print_directions(found: &Identification, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "\nsearch directions (the paper's Table 2)")?;
     for record in &found.directions {
         let outcome = match record.outcome {

@@ -16,6 +16,7 @@ pub mod inspect;
 pub mod profile;
 pub mod replay;
 pub mod run;
+pub mod solutions;
 pub mod subscribe;
 
 use std::{
@@ -67,6 +68,8 @@ enum Command {
     Identify(identify::IdentifyArgs),
     /// Follow the profile likelihood of parameters: confidence intervals, plot
     Profile(profile::ProfileArgs),
+    /// Tell every local solution of a fit, how each was found, and whether a scan finds more
+    Solutions(solutions::SolutionsArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
     /// Make synthetic sites whose truth is known
@@ -93,6 +96,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
         Command::Profile(args) => profile::run(&args, out).map_err(Error::other),
+        Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),

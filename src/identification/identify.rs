@@ -6,13 +6,16 @@ use super::{
     edge_timing::align,
     estimates::{self, Estimates},
     evaluate::{FittedModel, StaticModel, errors},
-    fit::{Fit, FitSolution, SearchOptions, fit},
+    fit::{Fit, FitSolution, SearchOptions, check, fit},
     hold_out::held_out,
     intake::{IntakeOptions, PreparedEvent, prepare},
     joint_problem::{LINEAR, OUTER, ProblemOptions},
+    paper_problem::{PAPER, PAPER_NAMES},
     precision::Precision,
     robust::RobustLoss,
+    scan_comparison::{ScanCheck, ScanComparison},
     site_fit::fit_site,
+    solution::Ended,
     validate::{Evidence, ValidationOptions, validate},
 };
 use crate::{
@@ -74,6 +77,10 @@ pub struct Identification {
     pub solutions: Vec<Solution>,
     /// Every search direction and its outcome.
     pub directions: Vec<DirectionRecord>,
+    /// Why the search ended.
+    pub ended: Ended,
+    /// What a scan says of the search, where one was asked for.
+    pub scan: Option<ScanComparison>,
     /// What it cost; `seconds` is left at 0, time is not known here.
     pub cost: Cost,
     /// Events that could not be used, with the reason.
@@ -183,6 +190,8 @@ pub fn identify(
         set,
         solutions,
         directions: site_fit.found.directions,
+        ended: site_fit.found.ended,
+        scan: site_fit.found.scan,
         cost: site_fit.found.cost,
         refused: site_fit.refused,
     })
@@ -200,8 +209,12 @@ pub(super) fn fit_aligned(
     const SETTLED: f64 = 0.01;
     let mut before: Option<f64> = None;
     let mut spent = Cost::default();
+    let unchecked = SearchOptions {
+        check: ScanCheck::Off,
+        ..*search
+    };
     for round in 1.. {
-        let found = fit(&events, problem, search, cancel);
+        let found = fit(&events, problem, &unchecked, cancel);
         if cancel() {
             return Err(IdentificationError::Cancelled);
         }
@@ -215,6 +228,7 @@ pub(super) fn fit_aligned(
         let objective = best.point.objective;
         let settled = before.is_some_and(|b| b - objective < SETTLED * b);
         if settled || round == ROUNDS_MAX || !events.iter().any(PreparedEvent::instants_open) {
+            found.scan = check(&events, problem, search, &found.solutions, cancel);
             return Ok((found, events));
         }
         before = Some(objective);
@@ -409,20 +423,38 @@ fn solution_records(
                 found_from: solution.found.found_from,
                 direction: solution.found.direction,
                 objective: solution.point.objective,
-                parameters: named
-                    .parameters
-                    .into_iter()
-                    .map(|p| (p.name, p.value))
+                parameters: (named.parameters.into_iter())
+                    .map(|p| {
+                        let value = paper_value(solution, &p.name).unwrap_or(p.value);
+                        (p.name, value)
+                    })
                     .collect(),
                 coordinates: estimates::coordinate_names()
                     .into_iter()
                     .map(str::to_owned)
                     .zip(coordinates)
                     .collect(),
-                at_bound: estimates::names_at_bound(solution),
+                at_bound: match &solution.paper {
+                    Some((_, active)) => active.clone(),
+                    None => estimates::names_at_bound(solution),
+                },
             }
         })
         .collect()
+}
+
+/// A parameter where the paper's formulation put it; elsewhere the null direction leaves it open.
+fn paper_value(solution: &FitSolution, name: &str) -> Option<f64> {
+    let (nine, _) = solution.paper.as_ref()?;
+    let value = |name: &str| {
+        let index = (0..PAPER).find(|&i| PAPER_NAMES[i] == name)?;
+        Some(nine[index])
+    };
+    match name {
+        "Pi" => Some(1.0 - value("Pz")? - value("Pp")?),
+        "Qi" => Some(1.0 - value("Qz")? - value("Qq")?),
+        _ => value(name),
+    }
 }
 
 fn assemble(

@@ -155,39 +155,55 @@ impl<'a> JointProblem<'a> {
 
     /// Evaluates the problem with exact sensitivities.
     pub fn point(&self, x: &DVector<f64>) -> Option<JointPoint> {
-        let sum = self.sensitivity_sum(x)?;
-        self.solve(&sum).filter(|p| p.objective.is_finite())
+        self.solve(&self.sensitivity_sums(x)?)
+            .filter(|p| p.objective.is_finite())
+    }
+
+    /// The same with given linear coefficients instead of the best ones; and the gradient with
+    /// respect to them.
+    pub(super) fn point_at(
+        &self,
+        x: &DVector<f64>,
+        linear: [f64; LINEAR],
+    ) -> Option<(JointPoint, DVector<f64>)> {
+        let sums = self.sensitivity_sums(x)?;
+        let (h, g) = self.linear_system(&total(&sums));
+        let gradient = &h * DVector::from_column_slice(&linear) + &g;
+        let point = self.point_with(&sums, (&h, &g), linear);
+        point.objective.is_finite().then_some((point, gradient))
     }
 
     /// The problem at outer unknowns `x` and linear coefficients that need not be optimal: value,
     /// gradient and Gauss-Newton matrix with respect to the eight of them, outer ones first.
     pub fn expansion_at(&self, x: &DVector<f64>, linear: &[f64; LINEAR]) -> Option<Expansion> {
-        let sum = self.sensitivity_sum(x)?;
-        let (h, g) = self.linear_system(&sum);
+        let (point, inner) = self.point_at(x, *linear)?;
         let mut gradient = DVector::zeros(OUTER + LINEAR);
-        gradient
-            .rows_mut(0, OUTER)
-            .copy_from(&outer_gradient(&sum, linear));
-        let beta = DVector::from_column_slice(linear);
-        gradient
-            .rows_mut(OUTER, LINEAR)
-            .copy_from(&(&h * beta + &g));
-        let value = self.objective(&sum, &h, &g, linear);
-        value.is_finite().then(|| Expansion {
-            value,
+        gradient.rows_mut(0, OUTER).copy_from(&point.gradient);
+        gradient.rows_mut(OUTER, LINEAR).copy_from(&inner);
+        Some(Expansion {
+            value: point.objective,
             gradient,
-            curvature: self.information(&sum, linear[0]),
+            curvature: point.information,
         })
     }
 
-    fn sensitivity_sum(&self, x: &DVector<f64>) -> Option<Gram> {
+    /// The objective with given linear coefficients.
+    pub(super) fn value_at(&self, x: &DVector<f64>, linear: [f64; LINEAR]) -> Option<f64> {
+        let sum = self.plain_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        let value = self.objective(&sum, &h, &g, &linear);
+        value.is_finite().then_some(value)
+    }
+
+    /// The Gram matrix of each event with sensitivities, random effects removed.
+    fn sensitivity_sums(&self, x: &DVector<f64>) -> Option<Vec<Marginal>> {
         let motor = MotorCoordinates {
             alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
             nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
             kappa: Dual::<OUTER>::variable(x[2], 2),
         };
         let mut out = MotorOutput::default();
-        let mut sum = Gram::zeros();
+        let mut sums = Vec::with_capacity(self.events.len());
         let scaled = self.options.frequency_scaled_power;
         for event in self.events {
             if (self.cancel)() {
@@ -196,12 +212,21 @@ impl<'a> JointProblem<'a> {
             self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(event, &sensitivity_gram(event, &out, rest, scaled));
+            sums.push(self.marginal(event, &sensitivity_gram(event, &out, rest, scaled)));
         }
-        Some(sum)
+        Some(sums)
     }
 
     fn value_only(&self, x: &DVector<f64>) -> Option<f64> {
+        let sum = self.plain_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        let beta = self.linear_optimum(&h, &g)?;
+        let value = self.objective(&sum, &h, &g, &beta);
+        value.is_finite().then_some(value)
+    }
+
+    /// The Gram matrices of all events without sensitivities, random effects removed.
+    fn plain_sum(&self, x: &DVector<f64>) -> Option<Gram> {
         let motor = motor_coordinates(x);
         let mut out = MotorOutput::default();
         let mut sum = Gram::zeros();
@@ -213,17 +238,16 @@ impl<'a> JointProblem<'a> {
             self.simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sum += self.marginal(event, &plain_gram(event, &out, rest, scaled));
+            sum += self
+                .marginal(event, &plain_gram(event, &out, rest, scaled))
+                .gram;
         }
-        let (h, g) = self.linear_system(&sum);
-        let beta = self.linear_optimum(&h, &g)?;
-        let value = self.objective(&sum, &h, &g, &beta);
-        value.is_finite().then_some(value)
+        Some(sum)
     }
 
     /// Removes the random effects: `G_aa - G_af (I + G_ff)^-1 G_fa`, with the random columns scaled
     /// by their standard deviations.
-    fn marginal(&self, event: &PreparedEvent, gram: &Gram) -> Gram {
+    fn marginal(&self, event: &PreparedEvent, gram: &Gram) -> Marginal {
         let mut deviation = [0.0; RANDOM];
         deviation[..LINEAR].copy_from_slice(&self.options.composition_spread);
         deviation[LINEAR..].fill(event.operating_point_deviation);
@@ -240,8 +264,17 @@ impl<'a> JointProblem<'a> {
         }
         // Identity plus a Gram matrix is positive definite.
         match inner.cholesky() {
-            Some(factor) => gram - cross.transpose() * factor.solve(&cross),
-            None => Gram::repeat(f64::NAN),
+            Some(factor) => {
+                let effects = factor.solve(&cross);
+                Marginal {
+                    gram: gram - cross.transpose() * effects,
+                    share_deviation: std::array::from_fn(|c| deviation[0] * effects[(0, c)]),
+                }
+            }
+            None => Marginal {
+                gram: Gram::repeat(f64::NAN),
+                share_deviation: [f64::NAN; COLUMNS],
+            },
         }
     }
 
@@ -328,29 +361,20 @@ impl<'a> JointProblem<'a> {
         0.5 * (sum[(Y, Y)] + prior) + 0.5 * (&x.transpose() * h * &x)[0] + g.dot(&x)
     }
 
-    fn solve(&self, sum: &Gram) -> Option<JointPoint> {
-        let (h, g) = self.linear_system(sum);
+    fn solve(&self, sums: &[Marginal]) -> Option<JointPoint> {
+        let (h, g) = self.linear_system(&total(sums));
         let beta = self.linear_optimum(&h, &g)?;
-        let at_bound = std::array::from_fn(|i| {
-            let (mut low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
-            if i == 0 && self.options.static_shares.is_some() {
-                low = low.max(PAPER_MOTOR_SHARE_MIN);
-            }
-            let close = 1e-9 * (high - low);
-            beta[i] - low <= close || high - beta[i] <= close
-        });
-        Some(JointPoint {
-            objective: self.objective(sum, &h, &g, &beta),
-            linear: beta,
-            linear_at_bound: at_bound,
-            linear_free: null_space(&self.active_rows(&beta, at_bound)),
-            information: self.information(sum, beta[0]),
-            gradient: outer_gradient(sum, &beta),
-        })
+        Some(self.point_with(sums, (&h, &g), beta))
     }
 
-    /// Gauss-Newton matrix of outer and linear unknowns at a motor share.
-    fn information(&self, sum: &Gram, share: f64) -> DMatrix<f64> {
+    fn point_with(
+        &self,
+        sums: &[Marginal],
+        (h, g): (&DMatrix<f64>, &DVector<f64>),
+        beta: [f64; LINEAR],
+    ) -> JointPoint {
+        let sum = &total(sums);
+        let share = beta[0];
         let size = OUTER + LINEAR;
         let scale = |i: usize| if i < OUTER { share } else { 1.0 };
         let mut information =
@@ -359,16 +383,56 @@ impl<'a> JointProblem<'a> {
         for (i, w) in weights.iter().enumerate() {
             information[(OUTER + i, OUTER + i)] += w;
         }
-        information
+        // Each event with the share it has most probably: the random columns move with the outer
+        // unknowns too.
+        let gradient = DVector::from_fn(OUTER, |i, _| {
+            let of_event = |event: &Marginal| {
+                let slope = residual(&beta, |c| event.gram[(i, c)]);
+                -(share + residual(&beta, |c| event.share_deviation[c])) * slope
+            };
+            sums.iter().map(of_event).sum::<f64>()
+        });
+        let at_bound = std::array::from_fn(|i| {
+            let (mut low, high) = (self.options.linear_lower[i], self.options.linear_upper[i]);
+            if i == 0 && self.options.static_shares.is_some() {
+                low = low.max(PAPER_MOTOR_SHARE_MIN);
+            }
+            let close = 1e-9 * (high - low);
+            beta[i] - low <= close || high - beta[i] <= close
+        });
+        JointPoint {
+            objective: self.objective(sum, h, g, &beta),
+            linear: beta,
+            linear_at_bound: at_bound,
+            linear_free: null_space(&self.active_rows(&beta, at_bound)),
+            information,
+            gradient,
+        }
+    }
+
+    /// The events.
+    pub(super) const fn events(&self) -> &'a [PreparedEvent] {
+        self.events
     }
 }
 
-/// Gradient with respect to the outer unknowns at linear coefficients `beta`.
-fn outer_gradient(sum: &Gram, beta: &[f64; LINEAR]) -> DVector<f64> {
-    DVector::from_fn(OUTER, |i, _| {
-        let explained: f64 = (0..LINEAR).map(|j| sum[(i, OUTER + j)] * beta[j]).sum();
-        -beta[0] * (sum[(i, Y)] - explained)
-    })
+/// An event's Gram matrix without its random effects.
+struct Marginal {
+    gram: Gram,
+    /// The event's most probable deviation from the shared motor share, as a linear form of the
+    /// columns: applied to the residual.
+    share_deviation: [f64; COLUMNS],
+}
+
+fn total(sums: &[Marginal]) -> Gram {
+    sums.iter()
+        .fold(Gram::zeros(), |sum, event| sum + event.gram)
+}
+
+/// A linear form of the columns, applied to `measured - linear model`.
+fn residual(beta: &[f64; LINEAR], form: impl Fn(usize) -> f64) -> f64 {
+    let explained: f64 = (0..LINEAR).map(|j| form(OUTER + j) * beta[j]).sum();
+    form(Y) - explained
 }
 
 impl JointPoint {

@@ -1,5 +1,7 @@
 //! What a global search leaves behind: every solution, every direction, and what it cost.
 
+pub use crate::numerics::trust_tech::{DirectionOutcome, DirectionRecord, Ended};
+
 /// One local solution.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
@@ -19,39 +21,6 @@ pub struct Solution {
     pub coordinates: Vec<(String, f64)>,
     /// Names of the parameters on a bound.
     pub at_bound: Vec<String>,
-}
-
-/// Why a search direction ended (Table 2 of the reference paper as a type).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum DirectionOutcome {
-    /// The local solver reached a minimum not seen before.
-    NewSolution(usize),
-    /// It reached a minimum already in the set.
-    KnownSolution(usize),
-    /// No exit point: the objective became non-finite, or kept rising up to the bound.
-    NoExitPoint {
-        /// Distance from the solution at which the search ended.
-        at_distance: f64,
-        /// Whether it ended because the objective became non-finite (the paper's `inf`).
-        diverged: bool,
-    },
-    /// The local solver left the feasible set and did not return (the paper's `*`).
-    LocalSolverInfeasible,
-}
-
-/// One search direction and its outcome.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DirectionRecord {
-    /// Solution it started from.
-    pub from: usize,
-    /// Number of the direction at that solution, from 1.
-    pub direction: usize,
-    /// Where the direction came from: `eigenvector 1 +`, `user 2`.
-    pub label: String,
-    /// Distance to the exit point in scaled coordinates; none without one.
-    pub exit_distance: Option<f64>,
-    /// How it ended.
-    pub outcome: DirectionOutcome,
 }
 
 /// What a fit cost.

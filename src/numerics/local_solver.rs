@@ -18,141 +18,16 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     Bounds, Cost, Objective,
-    objective::{Counted, Expansion, OutOfRange},
+    objective::{Counted, Expansion},
 };
 
 mod model;
+mod options;
+mod termination;
 
 use model::{Model, free_coordinates, scale};
-
-/// Settings of the local solver.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Options {
-    /// Largest number of calls of the objective. Default 500; at least 1.
-    pub evaluations_max: u64,
-    /// The solver ends when the decrease still promised is below this fraction of the objective.
-    /// Default 1e-12; positive.
-    pub decrease_relative: f64,
-    /// The same in units of the objective, for objectives whose minimum is 0. Default 1e-30;
-    /// not negative.
-    pub decrease_absolute: f64,
-    /// The solver ends when a step is shorter than this fraction of the box along every coordinate
-    /// (of 1 where the box is unbounded). Default 1e-14; positive.
-    pub step_relative: f64,
-    /// First damping, relative to the curvature. Default 1e-3; positive. Smaller trusts a good
-    /// start, larger creeps away from a bad one; insensitive between 1e-4 and 1e-1.
-    pub damping_initial: f64,
-    /// How often a step out of the objective's domain is halved before the solver gives up; the
-    /// next step begins with twice what was left. Default 45: to a step of 3e-14.
-    pub halvings_max: u32,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            evaluations_max: 500,
-            decrease_relative: 1e-12,
-            decrease_absolute: 1e-30,
-            step_relative: 1e-14,
-            damping_initial: 1e-3,
-            halvings_max: 45,
-        }
-    }
-}
-
-impl Options {
-    /// The settings themselves, when every one is within its range.
-    ///
-    /// # Errors
-    ///
-    /// [`OutOfRange`] names the first that is not.
-    pub fn checked(self) -> Result<Self, OutOfRange> {
-        let calls = self.evaluations_max;
-        OutOfRange::check("evaluations_max", calls as f64, calls > 0, "at least 1")?;
-        for (field, value) in [
-            ("decrease_relative", self.decrease_relative),
-            ("step_relative", self.step_relative),
-            ("damping_initial", self.damping_initial),
-        ] {
-            OutOfRange::check(field, value, value.is_finite() && value > 0.0, "positive")?;
-        }
-        let absolute = self.decrease_absolute;
-        OutOfRange::check(
-            "decrease_absolute",
-            absolute,
-            absolute >= 0.0,
-            "not negative",
-        )?;
-        Ok(self)
-    }
-}
-
-/// Why the solver ended, with the two sides of the inequality that caused it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Termination {
-    /// The undamped model promises no more: `promised <= tolerance`.
-    PromiseSmall {
-        /// Decrease the undamped model promises.
-        promised: f64,
-        /// What was asked for.
-        tolerance: f64,
-    },
-    /// Three steps in a row gained less than the tolerance: `gained <= tolerance`.
-    GainSmall {
-        /// What the last of them gained.
-        gained: f64,
-        /// What was asked for.
-        tolerance: f64,
-    },
-    /// No step longer than the tolerance lowers the objective: `step <= tolerance`. The usual end
-    /// when the tolerances ask for more than the rounding of the objective allows.
-    StepSmall {
-        /// Longest component of the step, as a fraction of the box.
-        step: f64,
-        /// What was asked for.
-        tolerance: f64,
-    },
-    /// The way down leads to where the objective does not exist, and the shortened steps that
-    /// are left gain nothing: `gained <= tolerance`. Not a minimum.
-    EdgeOfDomain {
-        /// What the last of them gained; 0 when none was left.
-        gained: f64,
-        /// What was asked for.
-        tolerance: f64,
-    },
-    /// `evaluations >= limit`. A usable point, perhaps not a minimum.
-    EvaluationsExhausted {
-        /// Calls made.
-        evaluations: u64,
-        /// Calls allowed.
-        limit: u64,
-    },
-    /// The caller asked to stop. A usable point, perhaps not a minimum.
-    Cancelled,
-}
-
-impl Termination {
-    /// Whether the point is a minimum as far as the tolerances and the rounding can tell.
-    pub fn is_minimum(&self) -> bool {
-        matches!(
-            self,
-            Self::PromiseSmall { .. } | Self::GainSmall { .. } | Self::StepSmall { .. }
-        )
-    }
-
-    /// Whether the point may be reported at all: every end but the edge of the domain.
-    pub fn is_feasible(&self) -> bool {
-        !matches!(self, Self::EdgeOfDomain { .. })
-    }
-
-    fn of_small_gain(shortened: bool, gained: f64, tolerance: f64) -> Self {
-        if shortened {
-            Self::EdgeOfDomain { gained, tolerance }
-        } else {
-            Self::GainSmall { gained, tolerance }
-        }
-    }
-}
+pub use options::Options;
+pub use termination::Termination;
 
 /// Where the solver ended.
 #[derive(Clone, Debug, PartialEq)]
@@ -194,35 +69,93 @@ pub fn minimise(
     options: &Options,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<LocalSolution, UndefinedStart> {
+    let mut counted = Counted::new(objective);
+    let x = bounds.clamped(start);
+    let Some(expansion) = counted.expansion(&x) else {
+        return Err(UndefinedStart { cost: counted.cost });
+    };
+    let found = descend(
+        &mut counted,
+        bounds,
+        (x, expansion),
+        options,
+        &Guide::default(),
+        cancel,
+    );
+    Ok(LocalSolution {
+        cost: counted.cost,
+        ..found
+    })
+}
+
+/// What a caller who knows other solutions tells the solver.
+pub(super) struct Guide<'a> {
+    /// Whether the way down from a point leads to a known solution; asked at every iterate.
+    pub(super) recognises: &'a dyn Fn(&DVector<f64>, &Expansion) -> bool,
+    /// Objective above which a solution is not worth the last digits.
+    pub(super) exact_below: f64,
+    /// Decrease, relative to the objective, that is not worth a step there.
+    pub(super) decrease_relative: f64,
+}
+
+impl Default for Guide<'_> {
+    fn default() -> Self {
+        Self {
+            recognises: &|_, _| false,
+            exact_below: f64::INFINITY,
+            decrease_relative: 0.0,
+        }
+    }
+}
+
+impl Guide<'_> {
+    /// Decrease that is not worth a step at this objective.
+    pub(super) fn tolerance(&self, options: &Options, value: f64) -> f64 {
+        let mut relative = options.decrease_relative;
+        if value > self.exact_below {
+            relative = relative.max(self.decrease_relative);
+        }
+        relative * value.abs() + options.decrease_absolute
+    }
+}
+
+/// [`minimise`] from a point of the box where the expansion is known. The limit of evaluations and
+/// the cost refer to this descent alone, and are added to those of `counted`.
+pub(super) fn descend(
+    counted: &mut Counted<'_>,
+    bounds: &Bounds,
+    (x, expansion): (DVector<f64>, Expansion),
+    options: &Options,
+    guide: &Guide<'_>,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> LocalSolution {
+    let before = std::mem::take(&mut counted.cost);
     let mut solver = Solver {
-        counted: Counted::new(objective),
         bounds,
         spans: bounds.spans(),
         options,
+        guide,
         cancel,
         damping: options.damping_initial,
         damping_growth: 2.0,
-        scale: DVector::zeros(start.len()),
+        scale: DVector::zeros(x.len()),
         fraction: 1.0,
         leap_pause: 0,
         leap_patience: 1,
         last_was_rejected: false,
-    };
-    let x = bounds.clamped(start);
-    let Some(expansion) = solver.counted.expansion(&x) else {
-        return Err(UndefinedStart {
-            cost: solver.counted.cost,
-        });
+        counted,
     };
     let (at, termination) = solver.descend(Iterate { x, expansion });
-    Ok(LocalSolution {
+    let cost = counted.cost;
+    counted.cost += before;
+    LocalSolution {
         x: at.x,
         value: at.expansion.value,
         gradient: at.expansion.gradient,
         curvature: at.expansion.curvature,
         termination,
-        cost: solver.counted.cost,
-    })
+        cost,
+    }
 }
 
 /// Steps that gain next to nothing before the solver gives up; one alone may be bad luck.
@@ -265,11 +198,12 @@ enum Trial {
     OutsideDomain,
 }
 
-struct Solver<'a> {
-    counted: Counted<'a>,
+struct Solver<'a, 'o> {
+    counted: &'a mut Counted<'o>,
     bounds: &'a Bounds,
     spans: DVector<f64>,
     options: &'a Options,
+    guide: &'a Guide<'a>,
     cancel: &'a (dyn Fn() -> bool + Sync),
     damping: f64,
     damping_growth: f64,
@@ -283,10 +217,13 @@ struct Solver<'a> {
     last_was_rejected: bool,
 }
 
-impl Solver<'_> {
+impl Solver<'_, '_> {
     fn descend(&mut self, mut at: Iterate) -> (Iterate, Termination) {
         let (mut small_gains, mut creeping) = (0, 0);
         loop {
+            if (self.guide.recognises)(&at.x, &at.expansion) {
+                return (at, Termination::Recognised);
+            }
             let model = self.model(&at);
             let tolerance = self.tolerance(at.expansion.value);
             let promise = model.promise();
@@ -405,7 +342,7 @@ impl Solver<'_> {
 
     /// Decrease that is not worth a step.
     fn tolerance(&self, value: f64) -> f64 {
-        self.options.decrease_relative * value.abs() + self.options.decrease_absolute
+        self.guide.tolerance(self.options, value)
     }
 
     /// Raises the damping until a step lowers the objective.

@@ -183,6 +183,16 @@ impl<'a> Counted<'a> {
         self.objective.value(x).filter(|value| value.is_finite())
     }
 
+    /// The objective at several points, as [`value`](Self::value).
+    pub(super) fn values(&mut self, points: &[DVector<f64>]) -> Vec<Option<f64>> {
+        self.cost.values += points.len() as u64;
+        let mut values = self.objective.values(points);
+        for value in &mut values {
+            *value = value.filter(|value| value.is_finite());
+        }
+        values
+    }
+
     /// The objective with its derivatives, if all of them are finite.
     pub(super) fn expansion(&mut self, x: &DVector<f64>) -> Option<Expansion> {
         self.cost.expansions += 1;

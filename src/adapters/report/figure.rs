@@ -201,25 +201,20 @@ impl Figure {
         })
     }
 
-    /// The figure as an SVG file of its own, light, on white.
+    /// The figure as an SVG file of its own, with its colours written out.
     ///
     /// # Errors
     ///
-    /// As [`markup`](Self::markup).
-    pub(super) fn standalone(&self) -> Result<String, ReportError> {
-        let mut inline = self.markup()?.into_string();
+    /// [`ReportError::Drawing`] when plotters refuses.
+    pub(super) fn document(&self) -> Result<String, ReportError> {
+        let mut svg = self.markup()?.into_string();
         for ink in Ink::ALL {
-            let RGBColor(red, green, blue) = ink.rgb();
-            let colour = format!("#{red:02x}{green:02x}{blue:02x}");
-            inline = inline.replace(ink.variable(), &colour);
+            let RGBColor(r, g, b) = ink.rgb();
+            svg = svg.replace(ink.variable(), &format!("#{r:02X}{g:02X}{b:02X}"));
         }
-        let opening = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{}\" height=\"{}\" \
-             style=\"background:#ffffff\" ",
-            self.width_px,
-            self.height_px()
-        );
-        Ok(inline.replacen("<svg ", &opening, 1))
+        let root = "<svg xmlns=\"http://www.w3.org/2000/svg\" font-family=\"sans-serif\" \
+                    style=\"background:white\" ";
+        Ok(svg.replacen("<svg ", root, 1) + "\n")
     }
 
     fn height_px(&self) -> u32 {

@@ -12,6 +12,7 @@ mod figure;
 mod number;
 mod overview;
 mod profile;
+mod search_figures;
 mod sentence;
 mod tables;
 
@@ -21,4 +22,5 @@ pub(crate) mod fixture;
 pub use document::{Report, Rival, Search, render};
 pub use figure::ReportError;
 pub use profile::profile_svg;
+pub use search_figures::{along_directions, tiers};
 pub use tables::role;

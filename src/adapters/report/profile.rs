@@ -61,7 +61,7 @@ pub fn profile_svg(profile: &Profile) -> Result<String, ReportError> {
             },
         ],
     };
-    figure.standalone()
+    figure.document()
 }
 
 fn description(profile: &Profile) -> String {

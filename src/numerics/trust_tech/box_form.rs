@@ -9,11 +9,14 @@ use super::{
     Options, UserDirection, UserDirectionKind,
     directions::{Direction, Directions},
     exit_point::{PathEnd, find_exit},
+    known::Known,
     projected_gradient,
     scaled::Scaled,
-    tiers::{Followed, Form},
+    tiers::{Followed, Form, Reached},
 };
-use crate::numerics::{Bounds, Cost, LocalSolution, Objective, local_solver, objective::Counted};
+use crate::numerics::{
+    Bounds, Cost, Expansion, LocalSolution, Objective, local_solver, objective::Counted,
+};
 
 pub(super) struct BoxForm<'a> {
     scaled: Scaled<'a>,
@@ -43,19 +46,26 @@ impl<'a> BoxForm<'a> {
         }
     }
 
-    fn local_solution(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost) {
-        let objective = self.scaled.objective;
-        let local = &self.options.local;
-        match local_solver::minimise(objective, self.bounds, start, local, self.cancel) {
-            Ok(found) => {
-                let cost = found.cost;
-                (
-                    Some(found).filter(|found| found.termination.is_feasible()),
-                    cost,
-                )
-            }
-            Err(undefined) => (None, undefined.cost),
-        }
+    /// The local solver from a point where the expansion is known; none where it ends at the edge
+    /// of the domain.
+    fn local_solution(
+        &self,
+        counted: &mut Counted<'_>,
+        start: (DVector<f64>, Expansion),
+        known: &Known,
+    ) -> Option<Reached> {
+        let recognises = |x: &DVector<f64>, at: &Expansion| known.recognised(x, at).is_some();
+        let found = local_solver::descend(
+            counted,
+            &self.unit_bounds,
+            start,
+            &self.options.local,
+            &known.guide(&recognises),
+            self.cancel,
+        );
+        Reached::new(found, known, |found| {
+            self.scaled.unscaled(found, self.bounds)
+        })
     }
 
     /// `q0 = x_s + (x_exit - x_s) + 0.1 P(x_exit)(x_exit - x_s)` (step 5), with a shorter overshoot
@@ -65,7 +75,9 @@ impl<'a> BoxForm<'a> {
         counted: &mut Counted<'_>,
         origin: &DVector<f64>,
         exit: &DVector<f64>,
-    ) -> Option<DVector<f64>> {
+        known: &Known,
+    ) -> Option<(DVector<f64>, Expansion)> {
+        let recognises = |x: &DVector<f64>, at: &Expansion| known.recognised(x, at).is_some();
         let mut overshoot = self.options.overshoot;
         for _ in 0..OVERSHOOTS_MAX {
             let q0 = self
@@ -75,8 +87,8 @@ impl<'a> BoxForm<'a> {
                 counted,
                 &self.unit_bounds,
                 q0,
-                self.options.gradient_steps,
-                self.options.step,
+                (self.options.gradient_steps, self.options.step),
+                &recognises,
                 self.cancel,
             );
             if reached.is_some() {
@@ -84,7 +96,8 @@ impl<'a> BoxForm<'a> {
             }
             overshoot *= 0.5;
         }
-        Some(exit.clone())
+        let at = counted.expansion(exit)?;
+        Some((exit.clone(), at))
     }
 }
 
@@ -92,8 +105,17 @@ impl<'a> BoxForm<'a> {
 const OVERSHOOTS_MAX: u32 = 4;
 
 impl Form for BoxForm<'_> {
-    fn settle(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost) {
-        self.local_solution(start)
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known {
+        Known::new(solutions, &self.scaled, self.options, |_| true)
+    }
+
+    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost) {
+        let mut counted = Counted::new(&self.scaled);
+        let start = (self.unit_bounds).clamped(&start.component_div(&self.scaled.spans));
+        let reached = counted
+            .expansion(&start)
+            .and_then(|at| self.local_solution(&mut counted, (start, at), known));
+        (reached, counted.cost)
     }
 
     fn directions(&self, from: &LocalSolution) -> Vec<Direction> {
@@ -120,7 +142,7 @@ impl Form for BoxForm<'_> {
         directions.into_list()
     }
 
-    fn follow(&self, from: &LocalSolution, direction: &Direction) -> Followed {
+    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed {
         let mut counted = Counted::new(&self.scaled);
         let origin = from.x.component_div(&self.scaled.spans);
         let path = find_exit(
@@ -128,27 +150,26 @@ impl Form for BoxForm<'_> {
             &direction.unit,
             self.options,
             &|_, y| Some(self.unit_bounds.clamped(y)),
-            &mut |x| {
+            &mut |points| {
                 if (self.cancel)() {
-                    None
+                    vec![None; points.len()]
                 } else {
-                    counted.value(x)
+                    counted.values(points)
                 }
             },
         );
         let mut reached = None;
-        let mut cost = Cost::default();
         if let PathEnd::Exit { point } = &path.end {
-            let inside = self.cross_into_next_region(&mut counted, &origin, point);
-            if let Some(inside) = inside {
-                (reached, cost) = self.local_solution(&inside.component_mul(&self.scaled.spans));
-            }
+            let inside = self.cross_into_next_region(&mut counted, &origin, point, known);
+            reached = inside.and_then(|start| self.local_solution(&mut counted, start, known));
         }
-        cost += counted.cost;
+        let spans = &self.scaled.spans;
         Followed {
+            exit_point: path.exit_point().map(|point| point.component_mul(spans)),
             path,
             reached,
-            cost,
+            cost: counted.cost,
+            complete: !(self.cancel)(),
         }
     }
 }

@@ -7,11 +7,13 @@ use super::{
     constrained_gradient::Feasible,
     directions::{Direction, DirectionKind, Directions},
     exit_point::{ExitSearch, PathEnd, find_exit},
-    feasible_sqp, quotient_gradient,
+    feasible_sqp,
+    known::Known,
+    quotient_gradient,
     scaled::Scaled,
     slack_form::SlackForm,
     tangent::Tangent,
-    tiers::{Followed, Form},
+    tiers::{Followed, Form, Reached},
 };
 use crate::numerics::{Bounds, Cost, Expansion, LocalSolution, objective::Counted};
 
@@ -53,13 +55,19 @@ impl<'a> ConstrainedForm<'a> {
 
     /// The local solution that the stability region of the feasible point `x` belongs to: the
     /// projected gradient system, then the local solver.
-    fn settle_from(&self, counted: &mut Counted<'_>, x: DVector<f64>) -> Option<LocalSolution> {
+    fn settle_from(
+        &self,
+        counted: &mut Counted<'_>,
+        x: DVector<f64>,
+        known: &Known,
+    ) -> Option<Reached> {
+        let recognises = |p: &DVector<f64>, at: &Expansion| known.recognised(p, at).is_some();
         let at = constrained_gradient::integrate(
             &self.slack,
             counted,
             x,
-            self.options.gradient_steps,
-            self.options.step,
+            (self.options.gradient_steps, self.options.step),
+            &recognises,
             self.cancel,
         )?;
         // The limit of evaluations is the local solver's own.
@@ -69,11 +77,13 @@ impl<'a> ConstrainedForm<'a> {
             &mut local,
             at,
             &self.options.local,
+            &known.guide(&recognises),
             self.cancel,
         );
         counted.cost += local.cost;
-        let found = self.scaled.unscaled(&found, self.bounds);
-        Some(found).filter(|found| found.termination.is_feasible())
+        Reached::new(found, known, |found| {
+            self.scaled.unscaled(found, self.bounds)
+        })
     }
 
     /// Within the feasible component (phase II): exit point, step 5, projected gradient system,
@@ -81,21 +91,23 @@ impl<'a> ConstrainedForm<'a> {
     fn follow_gradient(
         &self,
         counted: &mut Counted<'_>,
-        from: &LocalSolution,
-        origin: &DVector<f64>,
+        (origin, value): (&DVector<f64>, f64),
         unit: &DVector<f64>,
-    ) -> (ExitSearch, Option<LocalSolution>) {
+        known: &Known,
+    ) -> (ExitSearch, Option<Reached>) {
         let path = find_exit(
-            (origin, from.value),
+            (origin, value),
             unit,
             self.options,
             &|x, y| self.projected(x, y),
-            &mut |x| {
+            &mut |points| {
                 if (self.cancel)() {
-                    None
-                } else {
-                    counted.value(&self.slack.parameters_of(x))
+                    return vec![None; points.len()];
                 }
+                let parameters: Vec<_> = (points.iter())
+                    .map(|x| self.slack.parameters_of(x))
+                    .collect();
+                counted.values(&parameters)
             },
         );
         let PathEnd::Exit { point } = &path.end else {
@@ -105,8 +117,8 @@ impl<'a> ConstrainedForm<'a> {
         // q0 = x_s + (x_exit - x_s) + 0.1 P(x_exit)(x_exit - x_s), or x_exit where there is none.
         let q0 = self.projected(point, &(point + beyond));
         let reached = q0
-            .and_then(|q0| self.settle_from(counted, q0))
-            .or_else(|| self.settle_from(counted, point.clone()));
+            .and_then(|q0| self.settle_from(counted, q0, known))
+            .or_else(|| self.settle_from(counted, point.clone(), known));
         (path, reached)
     }
 
@@ -117,14 +129,15 @@ impl<'a> ConstrainedForm<'a> {
         counted: &mut Counted<'_>,
         origin: &DVector<f64>,
         unit: &DVector<f64>,
-    ) -> (ExitSearch, Option<LocalSolution>) {
+        known: &Known,
+    ) -> (ExitSearch, Option<Reached>) {
         let energy = |p: &DVector<f64>| quotient_gradient::energy(&self.slack, p);
         let path = find_exit(
             (origin, energy(origin).unwrap_or(0.0)),
             unit,
             self.options,
             &|_, y| Some(self.slack.bounds.clamped(y)),
-            &mut |p| energy(p),
+            &mut |points| points.iter().map(energy).collect(),
         );
         let PathEnd::Exit { point } = &path.end else {
             return (path, None);
@@ -132,7 +145,7 @@ impl<'a> ConstrainedForm<'a> {
         let beyond = point + (point - origin) * self.options.overshoot;
         let reached = self
             .feasible(&beyond)
-            .and_then(|x| self.settle_from(counted, x));
+            .and_then(|x| self.settle_from(counted, x, known));
         (path, reached)
     }
 
@@ -256,11 +269,17 @@ impl<'a> ConstrainedForm<'a> {
 }
 
 impl Form for ConstrainedForm<'_> {
-    fn settle(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost) {
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known {
+        Known::new(solutions, self.scaled, self.options, |p| {
+            self.slack.is_free_of_own_constraints(p)
+        })
+    }
+
+    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost) {
         let mut counted = Counted::new(self.scaled);
         let found = self
             .feasible(&start.component_div(&self.scaled.spans))
-            .and_then(|x| self.settle_from(&mut counted, x));
+            .and_then(|x| self.settle_from(&mut counted, x, known));
         (found, counted.cost)
     }
 
@@ -283,20 +302,30 @@ impl Form for ConstrainedForm<'_> {
         directions.into_list()
     }
 
-    fn follow(&self, from: &LocalSolution, direction: &Direction) -> Followed {
+    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed {
         let mut counted = Counted::new(self.scaled);
         let origin = from.x.component_div(&self.scaled.spans);
         let (path, reached) = match direction.kind {
-            DirectionKind::Quotient => self.follow_quotient(&mut counted, &origin, &direction.unit),
+            DirectionKind::Quotient => {
+                self.follow_quotient(&mut counted, &origin, &direction.unit, known)
+            }
             DirectionKind::Gradient => match self.slack.lifted(&origin) {
-                Some(x) => self.follow_gradient(&mut counted, from, &x, &direction.unit),
+                Some(x) => {
+                    self.follow_gradient(&mut counted, (&x, from.value), &direction.unit, known)
+                }
                 None => (ExitSearch::nowhere(from.value), None),
             },
         };
+        let exit_point = path.exit_point().map(|point| {
+            let parameters = self.slack.parameters_of(point);
+            parameters.component_mul(&self.scaled.spans)
+        });
         Followed {
+            exit_point,
             path,
             reached,
             cost: counted.cost,
+            complete: !(self.cancel)(),
         }
     }
 }

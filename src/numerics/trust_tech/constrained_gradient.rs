@@ -22,8 +22,8 @@ pub(super) struct Feasible {
 /// x' = -P_H(x) grad f(x)                                                       (8)
 /// ```
 ///
-/// from the feasible point `x` for at most `steps` steps; none when the objective does not exist
-/// there. Linearly implicit Euler on the tangent space, `(I/h + P B P) dx = -P grad f` with `B` the
+/// from the feasible point `x` for at most `steps` steps, or until `recognises` knows where it leads;
+/// none when the objective does not exist there. Linearly implicit Euler on the tangent space, `(I/h + P B P) dx = -P grad f` with `B` the
 /// Hessian of the Lagrangian; the first step is `length` long, then h doubles. A step that leaves
 /// the constraint surface too far, leads to where the objective does not exist, or upwards, is
 /// halved; when that does not help, the infeasible point is corrected by the quotient gradient
@@ -32,14 +32,17 @@ pub(super) fn integrate(
     form: &SlackForm<'_>,
     counted: &mut Counted<'_>,
     x: DVector<f64>,
-    steps: usize,
-    length: f64,
+    (steps, length): (usize, f64),
+    recognises: &dyn Fn(&DVector<f64>, &Expansion) -> bool,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<Feasible> {
     let expansion = counted.expansion(&form.parameters_of(&x))?;
     let mut at = Feasible { x, expansion };
     let mut duration: Option<f64> = None;
     for _ in 0..steps {
+        if recognises(&form.parameters_of(&at.x), &at.expansion) {
+            break;
+        }
         let Some(field) = Field::new(form, &at) else {
             break;
         };

@@ -25,6 +25,14 @@ impl ExitSearch {
         ended(vec![(0.0, value)], 0.0, false)
     }
 
+    /// The exit point, if there is one.
+    pub(super) fn exit_point(&self) -> Option<&DVector<f64>> {
+        match &self.end {
+            PathEnd::Exit { point } => Some(point),
+            PathEnd::NoExit { .. } => None,
+        }
+    }
+
     pub(super) fn exit_distance(&self) -> Option<f64> {
         match self.end {
             PathEnd::Exit { .. } => self.profile.last().map(|&(distance, _)| distance),
@@ -46,7 +54,14 @@ const FALL_WITHOUT_RISE: f64 = 1e-3;
 /// `(x, y) -> x + P(x)(y - x)`; none where there is no such point.
 pub(super) type Projection<'a> = &'a dyn Fn(&DVector<f64>, &DVector<f64>) -> Option<DVector<f64>>;
 
-/// Walks from `start` along `unit` until the objective, `value`, falls.
+/// The objective at some points.
+pub(super) type Values<'a> = &'a mut dyn FnMut(&[DVector<f64>]) -> Vec<Option<f64>>;
+
+/// Points of a path that are evaluated together: a path does not depend on the objective until it
+/// ends, and an objective may take several points at the price of one.
+const POINTS_AHEAD: usize = 8;
+
+/// Walks from `start` along `unit` until the objective, `values`, falls.
 ///
 /// Each step goes a little along the direction, `y = x + tau d` (step 1); `project(x, y)` brings it
 /// back into the feasible set, `x + P(x)(y - x)` (step 2; none when it cannot); then the direction
@@ -57,44 +72,91 @@ pub(super) fn find_exit(
     unit: &DVector<f64>,
     options: &Options,
     project: Projection<'_>,
-    value: &mut dyn FnMut(&DVector<f64>) -> Option<f64>,
+    values: Values<'_>,
 ) -> ExitSearch {
     let (origin, value_at_origin) = start;
+    let mut path = Path::new(origin, unit, options, project);
     let mut value_before = value_at_origin;
-    let (mut x, mut unit, mut step) = (origin.clone(), unit.clone(), options.step);
     let (mut profile, mut risen, mut distance) = (vec![(0.0, value_before)], false, 0.0);
-    for _ in 0..options.steps_max {
-        let y = &x + &unit * step; // step 1
-        let Some(next) = project(&x, &y) else {
-            // step 2
+    loop {
+        let points = path.next_points();
+        if points.is_empty() {
             return ended(profile, distance, false);
-        };
-        if (&next - &x).norm() < PROGRESS_MIN * step {
-            break;
         }
-        let Some(value_next) = value(&next) else {
-            return ended(profile, distance, true);
-        };
-        let away = &next - origin;
-        distance = away.norm();
-        profile.push((distance, value_next));
-        let rounding = ROUNDING * value_before.abs();
-        let falls = value_next < value_before - rounding;
-        let is_far_below = value_next < value_at_origin - FALL_WITHOUT_RISE * value_at_origin.abs();
-        if falls && (risen || is_far_below || !options.rise_required) {
-            return ExitSearch {
-                profile,
-                end: PathEnd::Exit { point: next },
+        for (point, value) in values(&points).into_iter().enumerate() {
+            let Some(value) = value else {
+                return ended(profile, distance, true);
             };
+            distance = (&points[point] - origin).norm();
+            profile.push((distance, value));
+            let rounding = ROUNDING * value_before.abs();
+            let falls = value < value_before - rounding;
+            let is_far_below = value < value_at_origin - FALL_WITHOUT_RISE * value_at_origin.abs();
+            if falls && (risen || is_far_below || !options.rise_required) {
+                let point = points[point].clone();
+                return ExitSearch {
+                    profile,
+                    end: PathEnd::Exit { point },
+                };
+            }
+            risen |= value > value_before + rounding;
+            value_before = value;
         }
-        risen |= value_next > value_before + rounding;
-        if distance > 0.0 {
-            unit = away / distance; // step 3
-        }
-        (x, value_before) = (next, value_next);
-        step *= options.step_growth;
     }
-    ended(profile, distance, false)
+}
+
+/// The points of a path, a few at a time.
+struct Path<'a> {
+    origin: &'a DVector<f64>,
+    project: Projection<'a>,
+    x: DVector<f64>,
+    unit: DVector<f64>,
+    step: f64,
+    step_growth: f64,
+    steps_left: usize,
+}
+
+impl<'a> Path<'a> {
+    fn new(
+        origin: &'a DVector<f64>,
+        unit: &DVector<f64>,
+        options: &Options,
+        project: Projection<'a>,
+    ) -> Self {
+        Self {
+            origin,
+            project,
+            x: origin.clone(),
+            unit: unit.clone(),
+            step: options.step,
+            step_growth: options.step_growth,
+            steps_left: options.steps_max,
+        }
+    }
+
+    /// None are left when the constraints stop the path, or after the largest number of steps.
+    fn next_points(&mut self) -> Vec<DVector<f64>> {
+        let mut points = Vec::with_capacity(POINTS_AHEAD);
+        while points.len() < POINTS_AHEAD && self.steps_left > 0 {
+            let y = &self.x + &self.unit * self.step; // step 1
+            let next = (self.project)(&self.x, &y); // step 2
+            let moved = next.filter(|next| (next - &self.x).norm() >= PROGRESS_MIN * self.step);
+            let Some(next) = moved else {
+                self.steps_left = 0;
+                break;
+            };
+            let away = &next - self.origin;
+            let distance = away.norm();
+            if distance > 0.0 {
+                self.unit = away / distance; // step 3
+            }
+            self.x.copy_from(&next);
+            self.step *= self.step_growth;
+            self.steps_left -= 1;
+            points.push(next);
+        }
+        points
+    }
 }
 
 fn ended(profile: Vec<(f64, f64)>, at_distance: f64, diverged: bool) -> ExitSearch {

@@ -11,7 +11,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use super::{constrained_gradient::Feasible, quotient_gradient, slack_form::SlackForm};
 use crate::numerics::{
     Bounds, LocalSolution,
-    local_solver::{Options, Termination},
+    local_solver::{Guide, Options, Termination},
     objective::Counted,
     quadratic_program::{Constraint, LinearConstraints, QuadraticProgram, Solution},
 };
@@ -27,12 +27,14 @@ pub(super) fn minimise(
     counted: &mut Counted<'_>,
     start: Feasible,
     options: &Options,
+    guide: &Guide<'_>,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> LocalSolution {
     let mut solver = Solver {
         form,
         counted,
         options,
+        guide,
         cancel,
         damping: options.damping_initial,
         multipliers: vec![0.0; form.own_constraints()],
@@ -52,6 +54,7 @@ struct Solver<'a, 'o> {
     form: &'a SlackForm<'a>,
     counted: &'a mut Counted<'o>,
     options: &'a Options,
+    guide: &'a Guide<'a>,
     cancel: &'a (dyn Fn() -> bool + Sync),
     damping: f64,
     /// Of the problem's own constraints, from the last quadratic program.
@@ -63,8 +66,10 @@ impl Solver<'_, '_> {
         let mut small_gains = 0;
         loop {
             let value = at.expansion.value;
-            let tolerance =
-                self.options.decrease_relative * value.abs() + self.options.decrease_absolute;
+            if (self.guide.recognises)(&self.form.parameters_of(&at.x), &at.expansion) {
+                return (at, Termination::Recognised);
+            }
+            let tolerance = self.guide.tolerance(self.options, value);
             let Some(program) = self.program(&at) else {
                 return (
                     at,

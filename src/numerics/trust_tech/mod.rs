@@ -16,6 +16,7 @@ mod constraints;
 mod directions;
 mod exit_point;
 mod feasible_sqp;
+mod known;
 mod projected_gradient;
 mod quotient_gradient;
 mod record;
@@ -79,8 +80,12 @@ pub struct Options {
     /// further. Default infinite: every solution is explored; at least 1. Meant for objectives
     /// that are not negative.
     pub explore_within: f64,
-    /// Calls of the objective after which no further direction is begun. Default 100 000.
+    /// Calls of the objective after which no further directions are begun; they are begun 16 at a
+    /// time. Default 100 000.
     pub evaluations_max: u64,
+    /// Decrease, relative to the objective, at which the local solver leaves a solution that is not
+    /// worth exploring. Default 0: all solutions are as exact as `local` asks.
+    pub coarse_decrease_relative: f64,
     /// Settings of the local solver.
     pub local: local_solver::Options,
 }
@@ -100,6 +105,7 @@ impl Default for Options {
             tiers_max: 4,
             explore_within: f64::INFINITY,
             evaluations_max: 100_000,
+            coarse_decrease_relative: 0.0,
             local: local_solver::Options::default(),
         }
     }
@@ -136,6 +142,15 @@ impl Options {
         Ok(self)
     }
 
+    /// Objective up to which a solution is explored when the best one's is `best`.
+    fn worth_exploring_below(&self, best: f64) -> f64 {
+        if self.explore_within.is_finite() {
+            best + (self.explore_within - 1.0) * best.abs()
+        } else {
+            f64::INFINITY
+        }
+    }
+
     /// The plain form of the paper: slack variables, a constant step, one sign of each eigenvector, no directions
     /// but eigenvectors and the user's.
     pub fn paper() -> Self {
@@ -151,18 +166,48 @@ impl Options {
     }
 }
 
+/// Where a search begins.
+#[derive(Clone, Copy)]
+pub struct Starts<'a> {
+    /// What tier 0 begins with.
+    pub first: &'a [DVector<f64>],
+    /// More starts, asked for once, after the tiers have ended, with what was found until then; from
+    /// the new solutions they lead to, if any, the tiers go on.
+    pub second: &'a (dyn Fn(&[FoundSolution]) -> Vec<DVector<f64>> + Sync),
+}
+
+impl<'a> Starts<'a> {
+    /// These starts and no others.
+    pub fn only(first: &'a [DVector<f64>]) -> Self {
+        Self {
+            first,
+            second: &|_| Vec::new(),
+        }
+    }
+}
+
+impl std::fmt::Debug for Starts<'_> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Starts")
+            .field("first", &self.first)
+            .finish_non_exhaustive()
+    }
+}
+
 /// Searches the box `bounds` for every local minimum of `problem`.
 ///
 /// The local solver is applied to every start (tier 0), then every direction of every solution of
 /// a tier is explored, until a tier brings nothing new or a limit is reached. `same` says whether
 /// two solutions are one; of two that are, the lower is kept under the first one's number.
-/// Deterministic: the same input gives the same bits.
+/// Directions are explored in parallel on the current rayon pool. Deterministic: the same input
+/// gives the same bits on any number of threads.
 ///
 /// `cancel` is asked between calls of `problem`; what was found until then is returned.
 pub fn search(
     problem: &dyn Objective,
     bounds: &Bounds,
-    starts: &[DVector<f64>],
+    starts: &Starts<'_>,
     user_directions: &[UserDirection],
     same: &(dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync),
     options: &Options,
@@ -213,7 +258,7 @@ impl std::fmt::Debug for ConstrainedProblem<'_> {
 /// energy (7) instead of the objective). Distances include the slacks.
 pub fn search_constrained(
     problem: &ConstrainedProblem<'_>,
-    starts: &[DVector<f64>],
+    starts: &Starts<'_>,
     user_directions: &[UserDirection],
     same: &(dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync),
     options: &Options,

@@ -2,13 +2,13 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::numerics::{Bounds, objective::Counted};
+use crate::numerics::{Bounds, Expansion, objective::Counted};
 
 /// Times a step may be halved before the integration stops where it is.
 const HALVINGS_MAX: u32 = 8;
 
-/// Integrates `x' = -P grad f(x)` from `x` for at most `steps` steps and returns where it ends; none
-/// when the objective does not exist at `x`.
+/// Integrates `x' = -P grad f(x)` from `x` for at most `steps` steps, or until `recognises` knows where
+/// it leads, and returns where it ends; none when the objective does not exist at `x`.
 ///
 /// On a box the projection `P` drops the components that would leave it. The method is the linearly
 /// implicit Euler rule, `(I/h + H) s = -grad f`: like the system itself it cannot leave a basin by
@@ -19,21 +19,21 @@ pub(super) fn integrate(
     counted: &mut Counted<'_>,
     bounds: &Bounds,
     mut x: DVector<f64>,
-    steps: usize,
-    length: f64,
+    (steps, length): (usize, f64),
+    recognises: &dyn Fn(&DVector<f64>, &Expansion) -> bool,
     cancel: &(dyn Fn() -> bool + Sync),
-) -> Option<DVector<f64>> {
-    if steps == 0 {
-        return counted.value(&x).map(|_| x);
-    }
+) -> Option<(DVector<f64>, Expansion)> {
     let mut at = counted.expansion(&x)?;
     let mut duration = length / projected(&at.gradient, &x, bounds).norm();
     for _ in 0..steps {
+        if recognises(&x, &at) {
+            break;
+        }
         let gradient = projected(&at.gradient, &x, bounds);
         let mut halvings = 0;
         let next = loop {
             if halvings > HALVINGS_MAX || !duration.is_finite() || cancel() {
-                return Some(x);
+                return Some((x, at));
             }
             let step = implicit_euler_step(&gradient, &at.curvature, duration);
             let trial = step.map(|step| bounds.clamped(&(&x + step)));
@@ -49,7 +49,7 @@ pub(super) fn integrate(
         (x, at) = next;
         duration *= 2.0;
     }
-    Some(x)
+    Some((x, at))
 }
 
 /// `(I/h + H) s = -g` on the coordinates where the projected gradient is not 0; none where the

@@ -1,5 +1,7 @@
 //! What a search leaves behind.
 
+use nalgebra::DVector;
+
 use crate::numerics::{Cost, LocalSolution};
 
 /// One local solution and how it was found.
@@ -48,6 +50,8 @@ pub struct DirectionRecord {
     pub label: String,
     /// Distance from the solution to the exit point; none without one.
     pub exit_distance: Option<f64>,
+    /// The exit point, in the caller's coordinates; none without one.
+    pub exit_point: Option<DVector<f64>>,
     /// How it ended.
     pub outcome: DirectionOutcome,
     /// Distance from the solution and objective, at every point of the exit-point search; begins

@@ -54,6 +54,13 @@ impl Objective for Scaled<'_> {
         self.objective.value(&u.component_mul(&self.spans))
     }
 
+    fn values(&self, points: &[DVector<f64>]) -> Vec<Option<f64>> {
+        let points: Vec<_> = (points.iter())
+            .map(|u| u.component_mul(&self.spans))
+            .collect();
+        self.objective.values(&points)
+    }
+
     fn expansion(&self, u: &DVector<f64>) -> Option<Expansion> {
         let at = self.objective.expansion(&u.component_mul(&self.spans))?;
         Some(Expansion {

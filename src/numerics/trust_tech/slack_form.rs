@@ -19,6 +19,9 @@ use crate::numerics::Bounds;
 /// Largest `|H_i|` of a point that counts as feasible.
 pub(super) const FEASIBLE: f64 = 1e-10;
 
+/// Distance to a constraint, in widths of the box, from which on it holds nothing.
+const FREE: f64 = 1e-6;
+
 pub(super) struct SlackForm<'a> {
     constraints: &'a dyn Constraints,
     spans: &'a DVector<f64>,
@@ -136,6 +139,12 @@ impl<'a> SlackForm<'a> {
         h.iter()
             .all(|h| h.is_finite())
             .then(|| h.component_mul(&self.weights))
+    }
+
+    /// Whether none of the problem's own constraints holds `p` where it is.
+    pub(super) fn is_free_of_own_constraints(&self, p: &DVector<f64>) -> bool {
+        let is_slack = |h: &DVector<f64>| h.iter().all(|h| *h < -FREE);
+        self.equalities() == 0 && self.own_values(p).as_ref().is_some_and(is_slack)
     }
 
     /// Its Jacobian with respect to scaled coordinates, weighted.

@@ -23,7 +23,7 @@ fn search_box(problem: &dyn Objective, bounds: &Bounds, start: &[f64]) -> Search
     search(
         problem,
         bounds,
-        &[point(start)],
+        &Starts::only(&[point(start)]),
         &[],
         &close,
         &options,
@@ -102,7 +102,7 @@ fn the_slack_form_finds_the_same_minima_as_the_box() {
         search(
             problem,
             bounds,
-            &[point(&start)],
+            &Starts::only(&[point(&start)]),
             &[],
             &close,
             &options,
@@ -131,7 +131,7 @@ fn the_plain_form_of_the_paper_finds_every_minimum_of_himmelblau() {
     let found = search(
         &HIMMELBLAU,
         &area,
-        &[point(&[1.0, 1.0])],
+        &Starts::only(&[point(&[1.0, 1.0])]),
         &[],
         &close,
         &options,
@@ -248,7 +248,7 @@ fn user_directions_are_followed_and_named() {
     let found = search(
         &HIMMELBLAU,
         &area,
-        &start,
+        &Starts::only(&start),
         &directions,
         &close,
         &options,
@@ -283,7 +283,15 @@ fn limits_and_cancellation_say_why_the_search_ended() {
     let area = bounds(&[-5.0; 2], &[5.0; 2]);
     let starts = [point(&[3.0, 2.0])];
     let run = |options: &Options, cancel: &(dyn Fn() -> bool + Sync)| {
-        search(&HIMMELBLAU, &area, &starts, &[], &close, options, cancel)
+        search(
+            &HIMMELBLAU,
+            &area,
+            &Starts::only(&starts),
+            &[],
+            &close,
+            options,
+            cancel,
+        )
     };
     let few = Options {
         evaluations_max: 60,

@@ -1,32 +1,76 @@
 //! The tiers: which directions are explored, in which order, and when it is enough.
 
+use std::{collections::VecDeque, ops::Range};
+
 use nalgebra::DVector;
+use rayon::prelude::*;
 
 use super::{
-    DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search,
+    DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search, Starts,
     directions::Direction,
     exit_point::{ExitSearch, PathEnd},
+    known::Known,
 };
-use crate::numerics::{Cost, LocalSolution};
+use crate::numerics::{Cost, Expansion, LocalSolution, local_solver::Termination};
 
 /// What the tiers need to know of a formulation of the problem.
 pub(super) trait Form: Sync {
+    /// What a formulation keeps of the solutions known so far.
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known;
     /// The local solution that a start leads to; none when no feasible point is reached (steps 1
     /// and 2 of section 5).
-    fn settle(&self, start: &DVector<f64>) -> (Option<LocalSolution>, Cost);
+    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost);
     /// The directions to be followed from a solution (step 3).
     fn directions(&self, from: &LocalSolution) -> Vec<Direction>;
     /// Follows one of them (steps 4 to 6).
-    fn follow(&self, from: &LocalSolution, direction: &Direction) -> Followed;
+    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed;
+}
+
+/// Where the local solver ended.
+pub(super) enum Reached {
+    /// At a solution.
+    Solution(LocalSolution),
+    /// On its way to the known solution of this index.
+    Known(usize),
+}
+
+impl Reached {
+    /// From a solution in scaled coordinates; none at the edge of the domain.
+    pub(super) fn new(
+        found: LocalSolution,
+        known: &Known,
+        unscaled: impl FnOnce(&LocalSolution) -> LocalSolution,
+    ) -> Option<Self> {
+        match found.termination {
+            Termination::Recognised => {
+                let expansion = Expansion {
+                    value: found.value,
+                    gradient: found.gradient,
+                    curvature: found.curvature,
+                };
+                known.recognised(&found.x, &expansion).map(Self::Known)
+            }
+            end => (end.is_feasible()).then(|| Self::Solution(unscaled(&found))),
+        }
+    }
 }
 
 /// Where a direction led.
 pub(super) struct Followed {
     pub(super) path: ExitSearch,
     /// The solution beyond the exit point, if there is one and the local solver reached it.
-    pub(super) reached: Option<LocalSolution>,
+    pub(super) reached: Option<Reached>,
     pub(super) cost: Cost,
+    /// The exit point, in the caller's coordinates.
+    pub(super) exit_point: Option<DVector<f64>>,
+    /// Whether it was not cut short by a cancellation.
+    pub(super) complete: bool,
 }
+
+/// Directions (or starts) that are followed side by side, all from the same state of knowledge: a
+/// fixed number, so that the outcome does not depend on how many threads there are. More would find
+/// the same new solution several times over.
+const SIDE_BY_SIDE: usize = 16;
 
 /// Whether two solutions are one.
 type Same<'a> = &'a (dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync);
@@ -34,7 +78,7 @@ type Same<'a> = &'a (dyn Fn(&LocalSolution, &LocalSolution) -> bool + Sync);
 /// Explores `form` from `starts`, tier by tier.
 pub(super) fn explore(
     form: &dyn Form,
-    starts: &[DVector<f64>],
+    starts: &Starts<'_>,
     same: Same<'_>,
     options: &Options,
     cancel: &(dyn Fn() -> bool + Sync),
@@ -48,15 +92,21 @@ pub(super) fn explore(
         directions: Vec::new(),
         cost: Cost::default(),
     };
-    let ended = explorer
-        .settle_starts(starts)
-        .unwrap_or_else(|| explorer.climb_tiers());
+    let ended = explorer.run(starts);
     Search {
         solutions: explorer.solutions,
         directions: explorer.directions,
         cost: explorer.cost,
         ended,
     }
+}
+
+/// A direction that is waiting to be followed.
+struct Task {
+    from: usize,
+    local: LocalSolution,
+    number: usize,
+    direction: Direction,
 }
 
 struct Explorer<'a> {
@@ -70,33 +120,55 @@ struct Explorer<'a> {
 }
 
 impl Explorer<'_> {
-    /// Tier 0. Returns a reason to end, if there is one already.
+    fn run(&mut self, starts: &Starts<'_>) -> Ended {
+        if let Some(ended) = self.settle_starts(starts.first) {
+            return ended;
+        }
+        let ended = self.climb_tiers(0);
+        if !matches!(ended, Ended::NothingNew { .. }) {
+            return ended;
+        }
+        let known = self.solutions.len();
+        if let Some(ended) = self.settle_starts(&(starts.second)(&self.solutions)) {
+            return ended;
+        }
+        if self.solutions.len() == known {
+            ended
+        } else {
+            self.climb_tiers(known)
+        }
+    }
+
+    /// Tier 0: the first start by itself, then the others side by side. Returns a reason to end, if
+    /// there is one already.
     fn settle_starts(&mut self, starts: &[DVector<f64>]) -> Option<Ended> {
-        for start in starts {
+        let (first, others) = starts.split_at(starts.len().min(1));
+        let first = (!first.is_empty()).then_some(first);
+        for some in first.into_iter().chain(others.chunks(SIDE_BY_SIDE)) {
             if let Some(ended) = self.interruption() {
                 return Some(ended);
             }
-            let (settled, cost) = self.form.settle(start);
-            self.cost += cost;
-            if let Some(local) = settled {
-                self.admit(local, 0, None);
+            let (form, known) = (self.form, self.known());
+            let settled: Vec<_> = (some.par_iter())
+                .map(|start| form.settle(start, &known))
+                .collect();
+            for (reached, cost) in settled {
+                self.cost += cost;
+                if let Some(reached) = reached {
+                    self.admit(reached, 0, None);
+                }
             }
         }
         self.solutions.is_empty().then_some(Ended::NoSolution)
     }
 
-    fn climb_tiers(&mut self) -> Ended {
-        let mut begun = 0;
+    /// The tiers above the solutions from index `begun` on.
+    fn climb_tiers(&mut self, mut begun: usize) -> Ended {
         for tier in 1..=self.options.tiers_max {
             let tier_before = begun..self.solutions.len();
             begun = tier_before.end;
-            for index in tier_before {
-                if !self.worth_exploring(index) {
-                    continue;
-                }
-                if let Some(ended) = self.follow_all_from(index, tier) {
-                    return ended;
-                }
+            if let Some(ended) = self.explore_tier(tier_before, tier) {
+                return ended;
             }
             if self.solutions.len() == begun {
                 return Ended::NothingNew { tier };
@@ -112,51 +184,79 @@ impl Explorer<'_> {
         let best = (self.solutions.iter())
             .map(|s| s.local.value)
             .fold(f64::INFINITY, f64::min);
-        let within = self.options.explore_within;
-        within.is_infinite()
-            || self.solutions[index].local.value <= best + (within - 1.0) * best.abs()
+        self.solutions[index].local.value <= self.options.worth_exploring_below(best)
     }
 
-    /// Explores every direction of one solution. Returns a reason to end, if there is one.
-    fn follow_all_from(&mut self, index: usize, tier: usize) -> Option<Ended> {
-        let (from, local) = (
-            self.solutions[index].id,
-            self.solutions[index].local.clone(),
-        );
-        let directions = self.form.directions(&local);
-        for (number, direction) in (1..).zip(directions) {
+    /// Explores every direction of the solutions `indices`. Returns a reason to end, if there is
+    /// one.
+    fn explore_tier(&mut self, mut indices: Range<usize>, tier: usize) -> Option<Ended> {
+        let mut waiting = VecDeque::new();
+        loop {
+            while waiting.len() < SIDE_BY_SIDE {
+                let Some(index) = indices.next() else { break };
+                if self.worth_exploring(index) {
+                    let found = &self.solutions[index];
+                    let directions = self.form.directions(&found.local);
+                    let task = |(number, direction)| Task {
+                        from: found.id,
+                        local: found.local.clone(),
+                        number,
+                        direction,
+                    };
+                    waiting.extend((1..).zip(directions).map(task));
+                }
+            }
+            if waiting.is_empty() {
+                return None;
+            }
             if let Some(ended) = self.interruption() {
                 return Some(ended);
             }
-            let followed = self.form.follow(&local, &direction);
+            let some: Vec<Task> = waiting.drain(..waiting.len().min(SIDE_BY_SIDE)).collect();
+            self.follow_side_by_side(some, tier);
+        }
+    }
+
+    fn follow_side_by_side(&mut self, tasks: Vec<Task>, tier: usize) {
+        let (form, known) = (self.form, self.known());
+        let followed: Vec<Followed> = (tasks.par_iter())
+            .map(|task| form.follow(&task.local, &task.direction, &known))
+            .collect();
+        for (task, followed) in tasks.into_iter().zip(followed) {
             self.cost += followed.cost;
             // A direction that was cut short has no outcome to record.
-            if (self.cancel)() {
-                return Some(Ended::Cancelled);
+            if !followed.complete {
+                continue;
             }
             let exit_distance = followed.path.exit_distance();
-            let outcome = self.outcome(followed.path.end, followed.reached, tier, (from, number));
+            let origin = (task.from, task.number);
+            let outcome = self.outcome(followed.path.end, followed.reached, tier, origin);
             self.directions.push(DirectionRecord {
-                from,
-                direction: number,
-                label: direction.label,
+                from: task.from,
+                direction: task.number,
+                label: task.direction.label,
                 exit_distance,
+                exit_point: followed.exit_point,
                 outcome,
                 profile: followed.path.profile,
             });
         }
-        None
+    }
+
+    fn known(&self) -> Known {
+        let mut solutions = self.solutions.iter().map(|found| &found.local);
+        self.form.known(&mut solutions)
     }
 
     fn outcome(
         &mut self,
         end: PathEnd,
-        reached: Option<LocalSolution>,
+        reached: Option<Reached>,
         tier: usize,
         origin: (usize, usize),
     ) -> DirectionOutcome {
         match (end, reached) {
-            (PathEnd::Exit { .. }, Some(local)) => self.admit(local, tier, Some(origin)),
+            (PathEnd::Exit { .. }, Some(reached)) => self.admit(reached, tier, Some(origin)),
             (PathEnd::Exit { .. }, None) => DirectionOutcome::LocalSolverInfeasible,
             (
                 PathEnd::NoExit {
@@ -174,10 +274,16 @@ impl Explorer<'_> {
     /// Adds a solution unless it is known (step 7).
     fn admit(
         &mut self,
-        local: LocalSolution,
+        reached: Reached,
         tier: usize,
         origin: Option<(usize, usize)>,
     ) -> DirectionOutcome {
+        let local = match reached {
+            Reached::Known(index) => {
+                return DirectionOutcome::KnownSolution(self.solutions[index].id);
+            }
+            Reached::Solution(local) => local,
+        };
         if let Some(known) = self
             .solutions
             .iter_mut()

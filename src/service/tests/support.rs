@@ -176,6 +176,8 @@ pub(super) fn fitted() -> Arc<Fitted> {
             set,
             solutions: Vec::new(),
             directions: Vec::new(),
+            ended: crate::identification::solution::Ended::NothingNew { tier: 1 },
+            scan: None,
             cost: Cost::default(),
             refused: Vec::new(),
         },

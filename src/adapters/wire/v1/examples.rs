@@ -6,6 +6,8 @@ use crate::{
         Bases, ChannelVerdict, Comparison, Cost, DirectionOutcome, DirectionRecord, ErrorSummary,
         EventErrors, Identification, OperatingPoint, ParameterEstimate, ParameterSet, Solution,
         Verdict, VerdictStatus,
+        scan_comparison::{ScanComparison, ScanMinimum},
+        solution::Ended,
     },
     measurement::{Channel, Quality, Record, Sample, SampleBatch, Site},
 };
@@ -168,7 +170,9 @@ pub(in crate::adapters) fn identification() -> Identification {
         direction,
         label: "eigenvector 1 +".to_owned(),
         exit_distance: Some(0.5),
+        exit_point: Some(nalgebra::DVector::from_vec(vec![3.5, 7.0, 0.4])),
         outcome,
+        profile: vec![(0.0, 12.5), (0.4, 40.0), (0.5, 38.0)],
     };
     Identification {
         set: parameter_set(),
@@ -194,6 +198,18 @@ pub(in crate::adapters) fn identification() -> Identification {
             ),
             direction(4, DirectionOutcome::LocalSolverInfeasible),
         ],
+        ended: Ended::NothingNew { tier: 2 },
+        scan: Some(ScanComparison {
+            cells: [12, 16, 8],
+            within: 1.5,
+            minima: vec![ScanMinimum {
+                objective: 12.5,
+                coordinates: [3.5, 7.0, 0.4],
+                solution: Some(2),
+            }],
+            only_search: Vec::new(),
+            evaluations: 1600,
+        }),
         cost: Cost {
             simulations: 100,
             sensitivity_simulations: 50,

@@ -17,6 +17,7 @@ mod json;
 mod parameter_set;
 mod profile;
 mod recording;
+mod solutions;
 mod units;
 mod verdict;
 mod waveforms;
@@ -40,6 +41,7 @@ pub use profile::{ConfidenceIntervalV1, LimitV1, ProfilePointV1, ProfileV1, Site
 pub use recording::{
     RecordingError, RecordingFiles, RecordingLimits, decode_recording, encode_recording,
 };
+pub use solutions::{DirectionProfileV1, ScanMinimumV1, ScanV1, SolutionsV1, ended_name};
 pub use units::{accepted_units, channel_name};
 pub use verdict::{ChannelVerdictV1, VerdictV1};
 pub use waveforms::{WaveformError, decode_waveforms, encode_waveforms};

@@ -51,7 +51,14 @@ fn run(
     };
     let start = point(start);
     assert_derivatives(objective, constraints, &start);
-    search_constrained(&problem, &[start], &[], &close, &options, &never)
+    search_constrained(
+        &problem,
+        &Starts::only(&[start]),
+        &[],
+        &close,
+        &options,
+        &never,
+    )
 }
 
 fn assert_derivatives(objective: &dyn Objective, constraints: &dyn Constraints, x: &DVector<f64>) {
@@ -154,7 +161,14 @@ fn hock_schittkowski_71_is_solved_as_published() {
         tiers_max: 0,
         ..Options::default()
     };
-    let found = search_constrained(&problem, &[start], &[], &close, &options, &never);
+    let found = search_constrained(
+        &problem,
+        &Starts::only(&[start]),
+        &[],
+        &close,
+        &options,
+        &never,
+    );
     let best = &found.best().unwrap().local;
     assert!((best.value - 17.014_017_3).abs() < 1e-6, "{best:?}");
     let error = (&best.x - point(&[1.0, 4.742_999_4, 3.821_150_3, 1.379_408_2])).amax();
