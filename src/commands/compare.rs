@@ -106,8 +106,8 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
     let windows = &events.usable;
     let options = args.fit.options();
     let source = match &args.parameters {
-        Some(path) => Source::File(read_parameters(path)?),
-        None => Source::Fit(fitting::identify(&args.fit, &events, &options)?),
+        Some(path) => Source::File(Box::new(read_parameters(path)?)),
+        None => Source::Fit(Box::new(fitting::identify(&args.fit, &events, &options)?)),
     };
     let comparisons = identification::compare(source.set(), windows, &options)?;
     let against = match &args.against {
@@ -138,12 +138,12 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
 
 /// Where the parameters come from.
 enum Source {
-    File(ParameterSet),
-    Fit(Identification),
+    File(Box<ParameterSet>),
+    Fit(Box<Identification>),
 }
 
 impl Source {
-    const fn set(&self) -> &ParameterSet {
+    fn set(&self) -> &ParameterSet {
         match self {
             Self::File(set) => set,
             Self::Fit(identification) => &identification.set,

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     coordinates::Coordinates,
+    covariance::EventCovariance,
     problem::ComposedProblem,
     rows::{EventRows, Scatter},
 };
@@ -165,7 +166,7 @@ fn finished(
     let determinants: f64 = problem
         .covariances
         .iter()
-        .map(|c| c.log_determinant())
+        .map(EventCovariance::log_determinant)
         .sum();
     let slopes = DVector::from_vec(coordinates.slopes(&parameters));
     let covariance = expansion.curvature.cholesky().map(|factor| {

@@ -156,7 +156,7 @@ fn shares(model: &ComposedModel, parameters: &[f64]) -> Vec<(usize, f64)> {
         one_sided && effect.is_some_and(|e| e.declaration().acts_on(Place::Power))
     };
     let all = model.parameters().iter().zip(parameters).enumerate();
-    all.filter(|(_, (p, value))| is_share(p) && **value != p.declaration.neutral)
+    all.filter(|(_, (p, value))| is_share(p) && !p.declaration.neutral.eq(*value))
         .map(|(index, (_, value))| (index, *value))
         .collect()
 }

@@ -48,13 +48,13 @@ pub(super) struct Found {
 /// Finds the jumps among the steep steps.
 pub(super) fn find(
     series: &Series,
-    log: Vec<Log>,
+    log: &[Log],
     steep: &[bool],
     noise: f64,
     choice: FilterChoice,
 ) -> Found {
     let measured = |filter: PhasorFilter, steep: Vec<f64>| Measured {
-        log: log.clone(),
+        log: log.to_vec(),
         bad: series.bad.clone(),
         noise,
         interval_s: 1.0 / series.rate_fps,
@@ -64,7 +64,7 @@ pub(super) fn find(
         filter,
     };
     let calm = vec![0.0; steep.len()];
-    let unfiltered = unfiltered_jumps(&log, steep);
+    let unfiltered = unfiltered_jumps(log, steep);
     let shapes = match (choice, &unfiltered) {
         (FilterChoice::Fixed(filter), _) => vec![filter],
         (FilterChoice::Auto, Some(_)) => vec![PhasorFilter::None],
@@ -74,7 +74,7 @@ pub(super) fn find(
     for filter in shapes {
         let problem = measured(filter, calm.clone());
         let candidates = if filter == PhasorFilter::None {
-            unfiltered_candidates(&log, unfiltered.as_deref().unwrap_or(&[]))
+            unfiltered_candidates(log, unfiltered.as_deref().unwrap_or(&[]))
         } else {
             candidates(&problem, steep)
         };
@@ -432,9 +432,10 @@ mod tests {
                 Log::new(-0.01 - settling, 0.03).exp()
             }
         };
-        (0..(2.0 * rate_fps) as usize)
-            .map(|k| {
-                let t = k as f64 / rate_fps;
+        (0..400)
+            .map(|k| f64::from(k) / rate_fps)
+            .take_while(|t| *t < 2.0)
+            .map(|t| {
                 if half_s == 0.0 {
                     return phasor(t).ln();
                 }
@@ -471,7 +472,7 @@ mod tests {
             series.bad[k] = true;
         }
         let steep = super::super::edges::steps_at_edges(&series);
-        find(&series, log, &steep, 2e-4, FilterChoice::Auto)
+        find(&series, &log, &steep, 2e-4, FilterChoice::Auto)
     }
 
     #[test]
@@ -520,7 +521,7 @@ mod tests {
             .collect();
         let series = series(60.0, &log);
         let steep = super::super::edges::steps_at_edges(&series);
-        let found = find(&series, log, &steep, 2e-4, FilterChoice::Auto);
+        let found = find(&series, &log, &steep, 2e-4, FilterChoice::Auto);
         assert!(found.jumps.is_empty(), "{:?}", found.jumps);
     }
 }

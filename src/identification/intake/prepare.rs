@@ -224,7 +224,7 @@ fn terminal_voltage(
 ) -> Option<Terminal> {
     let noise = edges::input_noise(series).max(NOISE_LEAST);
     let log = terminal_log(series, before);
-    let found = jumps::find(series, log, &steep, noise, options.filter);
+    let found = jumps::find(series, &log, &steep, noise, options.filter);
     let mut measured = found.measured;
     let (jumps, edges): (Vec<Jump>, Vec<Edge>) = found.jumps.into_iter().unzip();
     stiffness::estimate(&mut measured, &jumps);
@@ -348,7 +348,7 @@ fn near_unexplained(u: &Terminal, samples: usize) -> Vec<bool> {
 fn terminal_input(measured: &Measured, voltage: &Voltage, speed_rad_s: f64) -> TerminalInput {
     let samples = measured.log.len();
     let per = POINTS_PER_SAMPLE;
-    let fine: Vec<Log> = (0..(samples - 1) * per + 1)
+    let fine: Vec<Log> = (0..=(samples - 1) * per)
         .map(|i| voltage.on_grid(i as f64 / per as f64, per).exp())
         .collect();
     let mut jumps = vec![false; samples - 1];
