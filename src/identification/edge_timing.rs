@@ -7,7 +7,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{evaluate::FittedModel, intake::PreparedEvent};
+use super::{evaluate::EventModel, intake::PreparedEvent};
 
 /// Prior standard deviation of an instant, samples: that of a uniform distribution over one
 /// interval.
@@ -19,7 +19,7 @@ const ROUNDS_MAX: usize = 8;
 
 /// The event with its jumps where `model` explains P and Q best.
 #[must_use]
-pub fn align(model: &FittedModel, event: &PreparedEvent) -> PreparedEvent {
+pub fn align(model: &dyn EventModel, event: &PreparedEvent) -> PreparedEvent {
     let middles: Vec<f64> = event
         .edges
         .iter()
@@ -47,7 +47,7 @@ pub fn align(model: &FittedModel, event: &PreparedEvent) -> PreparedEvent {
 }
 
 fn gauss_newton_step(
-    model: &FittedModel,
+    model: &dyn EventModel,
     event: &PreparedEvent,
     at: &[f64],
     middles: &[f64],
@@ -69,8 +69,8 @@ fn gauss_newton_step(
     Some(-curvature.cholesky()?.solve(&gradient))
 }
 
-fn residuals(model: &FittedModel, event: &PreparedEvent, at: &[f64]) -> Option<DVector<f64>> {
-    let curves = model.simulate(&event.with_edge_positions(at)).ok()?;
+fn residuals(model: &dyn EventModel, event: &PreparedEvent, at: &[f64]) -> Option<DVector<f64>> {
+    let curves = model.curves(&event.with_edge_positions(at)).ok()?;
     let weighted = |k: usize| {
         [
             (curves.active[k] - event.active[k]) / event.active_deviation[k],

@@ -33,10 +33,40 @@ pub struct Estimates {
     pub notes: Vec<String>,
 }
 
+/// The eight coordinates of ZIP and motor at a solution of any structure.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Located {
+    /// Three outer and five linear unknowns.
+    pub(super) coordinates: Vec<f64>,
+    /// Which of them lie on a bound.
+    pub(super) held: Vec<bool>,
+}
+
+impl From<&FitSolution> for Located {
+    fn from(solution: &FitSolution) -> Self {
+        Self {
+            coordinates: coordinates_of(solution),
+            held: held(solution),
+        }
+    }
+}
+
 /// Names the parameters of a solution at an operating point.
 #[must_use]
 pub fn estimates(
     solution: &FitSolution,
+    options: &ProblemOptions,
+    operating_point: &OperatingPoint,
+    nominal_hz: f64,
+    precision: &Precision,
+) -> Estimates {
+    let located = Located::from(solution);
+    estimates_at(&located, options, operating_point, nominal_hz, precision)
+}
+
+/// The same for the coordinates of a solution of any structure.
+pub(super) fn estimates_at(
+    located: &Located,
     options: &ProblemOptions,
     operating_point: &OperatingPoint,
     nominal_hz: f64,
@@ -48,27 +78,27 @@ pub fn estimates(
         q0_pu: operating_point.q0_pu,
         nominal_hz,
     };
-    let coordinates = coordinates_of(solution);
+    let coordinates = &located.coordinates;
     let covariance = &precision.covariance;
     let at = |x: &[f64], x_own: f64| parameters_at(x, x_own, &base);
     let valley = Valley::new(
-        |x_own| at(&coordinates, x_own),
+        |x_own| at(coordinates, x_own),
         options.static_shares.is_some(),
     );
     let x_own = valley.representative();
     let report = |quantity: &Quantity| {
         let value_at = |x: &[f64]| (quantity.value)(&at(x, x_own));
-        let slope = gradient(&coordinates, value_at);
+        let slope = gradient(coordinates, value_at);
         let variance = (slope.transpose() * covariance * &slope)[0];
         let error = variance.sqrt();
         let interval =
-            (quantity.in_valley).then(|| valley.interval(quantity, |x| at(&coordinates, x)));
+            (quantity.in_valley).then(|| valley.interval(quantity, |x| at(coordinates, x)));
         let width = quantity.bounds.1 - quantity.bounds.0;
         let determined = error.is_finite() && error < DETERMINED_SHARE * width;
         ParameterEstimate {
             name: quantity.name.to_owned(),
             meaning: quantity.meaning.to_owned(),
-            value: value_at(&coordinates),
+            value: value_at(coordinates),
             unit: quantity.unit.to_owned(),
             lower: quantity.bounds.0,
             upper: quantity.bounds.1,
@@ -79,15 +109,10 @@ pub fn estimates(
         }
     };
     let mut parameters: Vec<ParameterEstimate> = PARAMETERS.iter().map(&report).collect();
-    mark_bounds(&mut parameters, solution);
+    mark_bounds(&mut parameters, &located.held);
     let mut derived: Vec<ParameterEstimate> = DERIVED.iter().map(&report).collect();
-    derived.extend(coordinate_estimates(
-        solution,
-        options,
-        &coordinates,
-        covariance,
-    ));
-    let free = held(solution).iter().filter(|held| !**held).count();
+    derived.extend(coordinate_estimates(located, options, covariance));
+    let free = located.held.iter().filter(|held| !**held).count();
     let mut notes = plausibility::notes(&parameters, &derived);
     notes.extend(plausibility::precision_notes(precision, free));
     if !valley.within_boxes {
@@ -135,8 +160,7 @@ pub(super) fn names_at_bound(solution: &FitSolution) -> Vec<String> {
         .collect()
 }
 
-fn mark_bounds(parameters: &mut [ParameterEstimate], solution: &FitSolution) {
-    let held = held(solution);
+fn mark_bounds(parameters: &mut [ParameterEstimate], held: &[bool]) {
     let depends = |name: &str| -> &[usize] {
         match name {
             "M" => &[1, 2],
@@ -162,13 +186,12 @@ fn mark_bounds(parameters: &mut [ParameterEstimate], solution: &FitSolution) {
 
 /// The identifiable coordinates themselves: what the data determine.
 fn coordinate_estimates(
-    solution: &FitSolution,
+    located: &Located,
     options: &ProblemOptions,
-    coordinates: &[f64],
     covariance: &DMatrix<f64>,
 ) -> Vec<ParameterEstimate> {
     let bounds = outer_bounds();
-    let held = held(solution);
+    let Located { coordinates, held } = located;
     let meanings = [
         "ln of alpha = X/(X' T0'), 1/s",
         "ln of nu = (1/X' - 1/X)/M on the motor's own base, 1/s^2",

@@ -8,9 +8,28 @@ use super::{
     intake::PreparedEvent,
     joint_problem::reactive_at_rest,
 };
-use crate::load_model::{Infeasible, LinearCoefficients, MotorCoordinates, MotorOutput};
+use crate::load_model::{
+    Infeasible, LinearCoefficients, MotorCoordinates, MotorOutput, composed::SimulationError,
+};
 
-/// A model that can be simulated on any prepared event: everything the data determine.
+/// A fitted model of any structure: what it draws in an event, as the instrument reports it.
+pub trait EventModel: Sync + std::fmt::Debug {
+    /// Simulates the model on an event.
+    ///
+    /// # Errors
+    ///
+    /// [`SimulationError`] when the model has no steady state or no finite response.
+    fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError>;
+}
+
+impl EventModel for FittedModel {
+    fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
+        Ok(self.simulate(event)?)
+    }
+}
+
+/// The plain model of ZIP and motor, which can be simulated on any prepared event: everything the
+/// data determine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FittedModel {
     /// The motor.
@@ -52,7 +71,7 @@ impl FittedModel {
         let rest = reactive_at_rest(&self.motor);
         let beta = self.linear.to_array();
         let motor = motor_change(event, &out, rest, self.frequency_scaled_power);
-        let (mut active, mut reactive): (Vec<f64>, Vec<f64>) = motor
+        let (active, reactive) = motor
             .iter()
             .zip(event.chain.static_responses())
             .map(|(motor, load)| {
@@ -62,16 +81,22 @@ impl FittedModel {
                 (p0 + p, q0 + q)
             })
             .unzip();
-        if !event.steady_start {
-            shift(&mut active, &event.active, &event.active_deviation, event);
-            shift(
-                &mut reactive,
-                &event.reactive,
-                &event.reactive_deviation,
-                event,
-            );
+        let mut curves = Curves { active, reactive };
+        curves.shift_to(event);
+        Ok(curves)
+    }
+}
+
+impl Curves {
+    /// Where there was no rest before the event, moves the curves by the offset of the operating
+    /// point that the data make most likely.
+    pub(super) fn shift_to(&mut self, event: &PreparedEvent) {
+        if event.steady_start {
+            return;
         }
-        Ok(Curves { active, reactive })
+        let Self { active, reactive } = self;
+        shift(active, &event.active, &event.active_deviation, event);
+        shift(reactive, &event.reactive, &event.reactive_deviation, event);
     }
 }
 
@@ -158,16 +183,16 @@ struct Sums {
 ///
 /// # Errors
 ///
-/// [`Infeasible`] when the motor has no steady state.
+/// [`SimulationError`] when the model cannot be simulated.
 pub fn errors(
-    model: &FittedModel,
+    model: &dyn EventModel,
     reference: &StaticModel,
     events: &[PreparedEvent],
-) -> Result<ErrorSummary, Infeasible> {
+) -> Result<ErrorSummary, SimulationError> {
     let mut total = Sums::default();
     let mut each = Vec::with_capacity(events.len());
     for event in events {
-        let sums = event_sums(event, &model.simulate(event)?, &reference.simulate(event));
+        let sums = event_sums(event, &model.curves(event)?, &reference.simulate(event));
         total.add(&sums);
         each.push(sums.into_errors(event));
     }

@@ -3,9 +3,11 @@
 use super::{
     Bases, Comparison, Cost, DirectionRecord, ErrorSummary, OperatingPoint, ParameterSet, Solution,
     Verdict,
+    composed::ComposedLoad,
+    composed_estimates::composed_estimates,
     edge_timing::align,
     estimates::{self, Estimates},
-    evaluate::{FittedModel, StaticModel, errors},
+    evaluate::{EventModel, FittedModel, StaticModel, errors},
     fit::{Fit, FitSolution, SearchOptions, check, fit},
     hold_out::held_out,
     intake::{IntakeOptions, PreparedEvent, prepare},
@@ -20,7 +22,10 @@ use super::{
 };
 use crate::{
     disturbance::Window,
-    load_model::{LinearCoefficients, MotorCoordinates, Structure},
+    load_model::{
+        LinearCoefficients, MotorCoordinates, Structure,
+        composed::{ComposedModel, ModelParameter},
+    },
     measurement::Site,
 };
 
@@ -148,26 +153,30 @@ pub fn identify(
     let site_fit = fit_site(windows, structure, options, cancel)?;
     let best = site_fit.best()?;
     let (problem, fitted) = (&site_fit.problem, &site_fit.measured);
-    let held: Vec<PreparedEvent> = site_fit
-        .held
-        .iter()
-        .map(|e| align(&best.model, e))
-        .collect();
+    let model = site_fit.model(best);
+    let model = model.as_ref();
+    let held: Vec<PreparedEvent> = site_fit.held.iter().map(|e| align(model, e)).collect();
     let reference = StaticModel::fit(fitted);
     let infeasible = |_| IdentificationError::NoSolution;
-    let fit_errors = errors(&best.model, &reference, fitted).map_err(infeasible)?;
+    let fit_errors = errors(model, &reference, fitted).map_err(infeasible)?;
     let held_errors = if held.is_empty() {
         None
     } else {
-        Some(errors(&best.model, &reference, &held).map_err(infeasible)?)
+        Some(errors(model, &reference, &held).map_err(infeasible)?)
     };
-    let precision = site_fit.precision(best);
     let operating_point = site_fit.operating_point;
     let hz = site.nominal_hz;
-    let mut estimates = estimates::estimates(best, problem, &operating_point, hz, &precision);
+    let (mut estimates, precision) = match &site_fit.composed {
+        Some(composed) => composed_estimates(composed, problem, &operating_point, hz),
+        None => {
+            let precision = site_fit.precision(best);
+            let named = estimates::estimates(best, problem, &operating_point, hz, &precision);
+            (named, precision)
+        }
+    };
     estimates.notes.extend(site_fit.robust_note());
     let evidence = Evidence {
-        model: &best.model,
+        model,
         fitted,
         held_out: &held,
         fit_errors: &fit_errors,
@@ -252,14 +261,15 @@ pub fn compare(
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
-    let events: Vec<PreparedEvent> = events.iter().map(|e| align(&model, e)).collect();
+    let model = model.as_ref();
+    let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
     let reference = StaticModel::fit(&events);
     let summary =
-        errors(&model, &reference, &events).map_err(|_| IdentificationError::NoSolution)?;
+        errors(model, &reference, &events).map_err(|_| IdentificationError::NoSolution)?;
     let mut list = Vec::with_capacity(events.len());
     for (event, errors) in events.iter().zip(summary.events) {
         let curves = model
-            .simulate(event)
+            .curves(event)
             .map_err(|_| IdentificationError::NoSolution)?;
         let Some(window) = windows.iter().find(|w| w.id == event.id) else {
             continue;
@@ -286,8 +296,9 @@ pub fn errors_on(
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
-    let events: Vec<PreparedEvent> = events.iter().map(|e| align(&model, e)).collect();
-    errors(&model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
+    let model = model.as_ref();
+    let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
+    errors(model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
 }
 
 pub(super) fn prepare_all(
@@ -494,30 +505,56 @@ fn assemble(
 }
 
 /// The model of a stored set, from its coordinates.
-fn model_of(set: &ParameterSet) -> Result<FittedModel, IdentificationError> {
+fn model_of(set: &ParameterSet) -> Result<Box<dyn EventModel>, IdentificationError> {
     let coordinate = |name: &str| {
         let wanted = format!("coordinate_{name}");
-        set.derived
-            .iter()
-            .find(|d| d.name == wanted)
+        let found = set.derived.iter().find(|d| d.name == wanted);
+        found
             .map(|d| d.value)
             .filter(|v| v.is_finite())
             .ok_or(IdentificationError::IncompleteSet { name: wanted })
     };
-    let structure = Structure::parse(&set.structure)?.plain()?;
-    Ok(FittedModel {
+    let base = estimates::coordinate_names()
+        .into_iter()
+        .map(coordinate)
+        .collect::<Result<Vec<f64>, _>>()?;
+    let structure = Structure::parse(&set.structure)?;
+    if structure != structure.plain_part() {
+        return Ok(Box::new(composed_of(set, structure, &base)?));
+    }
+    let linear = std::array::from_fn(|i| base[OUTER + i]);
+    Ok(Box::new(FittedModel {
         motor: MotorCoordinates {
-            alpha_per_s: coordinate("ln_alpha")?.exp(),
-            nu_per_s2: coordinate("ln_nu")?.exp(),
-            kappa: coordinate("kappa")?,
+            alpha_per_s: base[0].exp(),
+            nu_per_s2: base[1].exp(),
+            kappa: base[2],
         },
-        linear: LinearCoefficients {
-            motor_share: coordinate("Kpm")?,
-            active_quadratic: coordinate("c_z")?,
-            active_linear: coordinate("c_i")?,
-            reactive_quadratic: coordinate("d_z")?,
-            reactive_linear: coordinate("d_i")?,
-        },
+        linear: LinearCoefficients::from_array(linear),
         frequency_scaled_power: structure.contains("frequency_scaled_power"),
+    }))
+}
+
+/// The model of a set with effects: their parameters are among the set's.
+fn composed_of(
+    set: &ParameterSet,
+    structure: Structure,
+    base: &[f64],
+) -> Result<ComposedLoad, IdentificationError> {
+    let model = ComposedModel::new(&structure);
+    let own = |parameter: &ModelParameter| {
+        let found = set.parameters.iter().find(|p| p.name == parameter.name);
+        let name = parameter.name.clone();
+        found
+            .map(|p| p.value)
+            .filter(|v| v.is_finite())
+            .ok_or(IdentificationError::IncompleteSet { name })
+    };
+    let effects = model.parameters().iter().skip(base.len()).map(own);
+    let values: Vec<f64> = effects.collect::<Result<_, _>>()?;
+    let parameters = base.iter().copied().chain(values).collect();
+    Ok(ComposedLoad {
+        structure,
+        model,
+        parameters,
     })
 }

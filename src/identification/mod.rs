@@ -4,6 +4,7 @@
 pub mod between_events;
 pub mod comparison;
 pub mod composed;
+mod composed_estimates;
 pub mod decision;
 pub mod edge_timing;
 pub mod errors;

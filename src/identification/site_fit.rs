@@ -2,6 +2,8 @@
 
 use super::{
     IdentificationError, IdentificationOptions, OperatingPoint,
+    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, extend},
+    evaluate::EventModel,
     fit::{Fit, FitSolution, SearchOptions},
     identify::{fit_aligned, median_operating_point, prepare_all, reduced_chi_square, split},
     intake::PreparedEvent,
@@ -25,12 +27,27 @@ pub(super) struct FittedSite {
     pub(super) held: Vec<PreparedEvent>,
     pub(super) operating_point: OperatingPoint,
     pub(super) refused: Vec<(String, String)>,
+    /// The fit of the whole structure, where it has more than the plain path can simulate; `found`
+    /// is then the search on its plain part.
+    pub(super) composed: Option<ComposedFit>,
 }
 
 impl FittedSite {
     pub(super) fn best(&self) -> Result<&FitSolution, IdentificationError> {
         let best = self.found.solutions.first();
         best.ok_or(IdentificationError::NoSolution)
+    }
+
+    /// The model of the whole structure; `best` is that of its plain part.
+    pub(super) fn model(&self, best: &FitSolution) -> Box<dyn EventModel> {
+        match &self.composed {
+            None => Box::new(best.model),
+            Some(fit) => Box::new(ComposedLoad {
+                structure: self.structure.clone(),
+                model: fit.model.clone(),
+                parameters: fit.parameters.clone(),
+            }),
+        }
     }
 
     pub(super) fn precision(&self, best: &FitSolution) -> Precision {
@@ -70,7 +87,7 @@ pub(super) fn fit_site(
     options: &IdentificationOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<FittedSite, IdentificationError> {
-    let structure = Structure::parse(structure)?.plain()?;
+    let structure = Structure::parse(structure)?;
     let (events, refused) = prepare_all(windows, &options.intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
@@ -87,8 +104,10 @@ pub(super) fn fit_site(
             fit_again_robustly(found, measured, (problem, loss), &options.search, cancel)?
         }
     };
+    let composed = compose(&structure, &found, &problem, &weighted, cancel)?;
     Ok(FittedSite {
         structure,
+        composed,
         problem,
         operating_point: median_operating_point(&measured),
         found,
@@ -97,6 +116,42 @@ pub(super) fn fit_site(
         held,
         refused,
     })
+}
+
+/// Adds what the plain path cannot simulate, effect after effect, to the search's best solution, and
+/// fits everything together.
+fn compose(
+    structure: &Structure,
+    found: &Fit,
+    problem: &ProblemOptions,
+    events: &[PreparedEvent],
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<Option<ComposedFit>, IdentificationError> {
+    let plain = structure.plain_part();
+    if plain == *structure {
+        return Ok(None);
+    }
+    let failed = || {
+        if cancel() {
+            IdentificationError::Cancelled
+        } else {
+            IdentificationError::NoSolution
+        }
+    };
+    let best = found.solutions.first().ok_or_else(failed)?;
+    let options = ComposedFitOptions::default();
+    let start = baseline(events, &plain, best, problem, &options, cancel).ok_or_else(failed)?;
+    let mut built = plain;
+    let mut origins = vec![start.all];
+    origins.extend(start.mild);
+    let missing = structure.names().into_iter().filter(|n| !built.contains(n));
+    for effect in missing.collect::<Vec<_>>() {
+        let from: Vec<&ComposedFit> = origins.iter().collect();
+        let extension = extend(events, &built, &from, &effect, &options, cancel)?;
+        built = extension.structure;
+        origins = vec![extension.fit.ok_or_else(failed)?];
+    }
+    Ok(origins.pop())
 }
 
 /// Fits again with the weights that the fit before gives the samples, until they settle: cheap local

@@ -2,10 +2,10 @@
 
 use super::{
     ChannelVerdict, ErrorSummary, Verdict, VerdictStatus,
-    evaluate::{Curves, FittedModel},
+    evaluate::{Curves, EventModel},
     intake::PreparedEvent,
 };
-use crate::load_model::Infeasible;
+use crate::load_model::composed::SimulationError;
 
 /// Limits on largest error, mean error and mean absolute error of one segment, pu of P0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +73,7 @@ impl Default for ValidationOptions {
 #[derive(Clone, Copy, Debug)]
 pub struct Evidence<'a> {
     /// The model.
-    pub model: &'a FittedModel,
+    pub model: &'a dyn EventModel,
     /// Events it was fitted on.
     pub fitted: &'a [PreparedEvent],
     /// Events it was not.
@@ -92,14 +92,14 @@ pub struct Evidence<'a> {
 ///
 /// # Errors
 ///
-/// [`Infeasible`] when the model cannot be simulated.
+/// [`SimulationError`] when the model cannot be simulated.
 pub fn validate(
     evidence: &Evidence<'_>,
     options: &ValidationOptions,
-) -> Result<Verdict, Infeasible> {
+) -> Result<Verdict, SimulationError> {
     let mut channels = Vec::new();
     for event in evidence.held_out {
-        let curves = evidence.model.simulate(event)?;
+        let curves = evidence.model.curves(event)?;
         channels.extend(channel_verdicts(event, &curves, options));
     }
     let Some(held_out) = evidence.held_out_errors.filter(|e| !e.events.is_empty()) else {

@@ -160,6 +160,16 @@ impl Structure {
         }
     }
 
+    /// The structure without what the plain path cannot simulate.
+    #[must_use]
+    pub fn plain_part(&self) -> Self {
+        let base = BASE.map(|p| p.name);
+        let kept = |p: &&Part| base.contains(&p.name) || p.name == PLAIN_EFFECT;
+        Self {
+            parts: self.parts.iter().filter(kept).copied().collect(),
+        }
+    }
+
     fn check_exclusions(&self) -> Result<(), StructureError> {
         for effect in self.effects() {
             let declaration = effect.declaration();

@@ -48,15 +48,6 @@ pub struct Extension {
     pub fit: Option<ComposedFit>,
 }
 
-/// Why an effect cannot be added.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ExtensionError {
-    /// Not in the catalogue, or excluded by a part of the structure.
-    #[error(transparent)]
-    Structure(#[from] StructureError),
-}
-
 /// Grid points from which a refit starts.
 const STARTS: usize = 2;
 /// Shares of the proposed amplitude that are tried, until one lowers the objective.
@@ -71,7 +62,8 @@ const START_WITHIN: f64 = 0.6;
 ///
 /// # Errors
 ///
-/// [`ExtensionError`] when the structure with the effect does not exist.
+/// [`StructureError`] when the effect is not in the catalogue, or excluded by a part of the
+/// structure.
 pub fn extend(
     events: &[PreparedEvent],
     structure: &Structure,
@@ -79,7 +71,7 @@ pub fn extend(
     effect: &str,
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<Extension, ExtensionError> {
+) -> Result<Extension, StructureError> {
     let extended = structure.with(effect)?;
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
     let mut result = Extension {

@@ -4,17 +4,21 @@
 //! fits start. Here every parameter is an unknown of a Levenberg-Marquardt method with exact
 //! sensitivities; what varies from event to event is marginalised as there.
 
+mod baseline;
 mod coordinates;
 mod covariance;
 mod extend;
 mod fit;
+mod model;
 mod problem;
 mod rows;
 
 #[cfg(test)]
 mod tests;
 
+pub use baseline::{Baseline, baseline};
 pub use coordinates::Coordinates;
 pub use extend::{Extension, extend};
 pub use fit::{ComposedFit, ComposedFitOptions, fit};
+pub use model::ComposedLoad;
 pub use rows::Scatter;

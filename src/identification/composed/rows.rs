@@ -73,12 +73,7 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<Response, SimulationError> {
-        let drive = Drive {
-            terminal: &self.event.input,
-            frequency_deviation: self.event.chain.output_frequency_deviation(),
-            reactive_at_rest: self.event.q0_pu / self.event.p0_pu,
-        };
-        model.simulate(parameters, wanted, &drive)
+        model.simulate(parameters, wanted, &drive(self.event))
     }
 
     /// Measured minus modelled.
@@ -145,6 +140,15 @@ impl<'a> EventRows<'a> {
         let channel = |c: usize| self.used.iter().map(move |&k| (k, c));
         let rows = channel(0).chain(channel(1)).map(|(k, c)| measured[k][c]);
         DVector::from_iterator(2 * self.used.len(), rows)
+    }
+}
+
+/// What drives a composed model in an event.
+pub(super) fn drive(event: &PreparedEvent) -> Drive<'_> {
+    Drive {
+        terminal: &event.input,
+        frequency_deviation: event.chain.output_frequency_deviation(),
+        reactive_at_rest: event.q0_pu / event.p0_pu,
     }
 }
 

@@ -1,0 +1,116 @@
+//! Where the fit of a structure with effects starts: the plain model on all events, and, where that
+//! fits badly, on the mildest of them only, whose voltage stayed above any threshold.
+
+use super::fit::{ComposedFit, ComposedFitOptions, fit};
+use crate::{
+    identification::{
+        fit::{FitSolution, SearchOptions, fit as search},
+        intake::PreparedEvent,
+        joint_problem::ProblemOptions,
+    },
+    load_model::{Structure, composed::ComposedModel},
+};
+
+/// Above this multiple of the noise (squared, per row) the mildest events are fitted by themselves.
+const BAD_FIT: f64 = 2.5;
+/// Below this the mildest events count as fitted.
+const GOOD_FIT: f64 = 1.6;
+/// Shares of the events, mildest first, that are tried.
+const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
+/// Fewest events of a mild fit.
+const MILD_EVENTS_MIN: usize = 2;
+
+/// The plain structure fitted to all events and, where that fails, to the mildest.
+#[derive(Clone, Debug)]
+pub struct Baseline {
+    /// Fitted to all events.
+    pub all: ComposedFit,
+    /// Fitted to the mildest events only.
+    pub mild: Option<ComposedFit>,
+}
+
+impl Baseline {
+    /// The fits from which an effect may start.
+    pub fn origins(&self) -> Vec<&ComposedFit> {
+        std::iter::once(&self.all).chain(&self.mild).collect()
+    }
+}
+
+/// Starts from `best`, the plain search's solution on all `events`. `None` when it cannot be
+/// simulated or the caller asked to stop.
+#[must_use]
+pub fn baseline(
+    events: &[PreparedEvent],
+    structure: &Structure,
+    best: &FitSolution,
+    problem: &ProblemOptions,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<Baseline> {
+    let model = ComposedModel::new(structure);
+    let free = base_parameters(&model);
+    let from = |solution: &FitSolution| start(&model, solution);
+    let all = fit(events, &model, &from(best), &free, options, cancel)?;
+    let mut result = Baseline { all, mild: None };
+    if result.all.chi_square_per_row() < BAD_FIT {
+        return Some(result);
+    }
+    let mut order: Vec<&PreparedEvent> = events.iter().collect();
+    order.sort_by(|a, b| {
+        let depth = |e: &PreparedEvent| 1.0 - e.lowest_voltage;
+        depth(a).total_cmp(&depth(b)).then_with(|| a.id.cmp(&b.id))
+    });
+    for share in MILD_SHARES {
+        let count = mild_count(events.len(), share);
+        if count >= events.len() {
+            continue;
+        }
+        let mild: Vec<PreparedEvent> = order[..count].iter().map(|e| (*e).clone()).collect();
+        let mut options_of_search = SearchOptions::default();
+        options_of_search.trust_tech.tiers_max = 1;
+        let Some(found) = search(&mild, *problem, &options_of_search, cancel) else {
+            continue;
+        };
+        let candidate = (found.solutions.first())
+            .and_then(|s| fit(&mild, &model, &from(s), &free, options, cancel));
+        let Some(candidate) = candidate else { continue };
+        let chi_square = candidate.chi_square_per_row();
+        let better = |known: &ComposedFit| chi_square < known.chi_square_per_row();
+        if result.mild.as_ref().is_none_or(better) {
+            result.mild = Some(candidate);
+        }
+        if chi_square < GOOD_FIT {
+            break;
+        }
+    }
+    Some(result)
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a number of events"
+)]
+fn mild_count(events: usize, share: f64) -> usize {
+    ((events as f64 * share).ceil() as usize).max(MILD_EVENTS_MIN)
+}
+
+/// The parameters of ZIP and motor.
+fn base_parameters(model: &ComposedModel) -> Vec<usize> {
+    let all = model.parameters().iter().enumerate();
+    all.filter(|(_, p)| {
+        p.effect.is_none() && p.declaration.role == crate::load_model::effect::Role::Base
+    })
+    .map(|(index, _)| index)
+    .collect()
+}
+
+/// The model's vector at a solution of the plain search, every effect as it is typically.
+fn start(model: &ComposedModel, solution: &FitSolution) -> Vec<f64> {
+    let mut values = model.typical();
+    let plain = solution.found.local.x.iter().chain(&solution.point.linear);
+    for (value, plain) in values.iter_mut().zip(plain) {
+        *value = *plain;
+    }
+    values
+}

@@ -1,0 +1,121 @@
+//! Named estimates of a composed fit: the coordinates of ZIP and motor as for the plain model, and
+//! every parameter of the effects.
+
+use nalgebra::DMatrix;
+
+use super::{
+    OperatingPoint, ParameterEstimate,
+    composed::ComposedFit,
+    estimates::{Estimates, Located, estimates_at},
+    joint_problem::ProblemOptions,
+    precision::{Precision, SIZE},
+};
+use crate::load_model::{
+    composed::ModelParameter,
+    effect::{Role, Scale},
+};
+
+/// A parameter within this share of its range of a bound lies on it.
+const AT_BOUND: f64 = 1e-6;
+/// A parameter counts as determined when its standard error is below this share of its range.
+const DETERMINED_SHARE: f64 = 0.25;
+
+/// Names the parameters of a composed fit at an operating point.
+pub(super) fn composed_estimates(
+    fit: &ComposedFit,
+    options: &ProblemOptions,
+    operating_point: &OperatingPoint,
+    nominal_hz: f64,
+) -> (Estimates, Precision) {
+    let precision = precision(fit);
+    let parameters = fit.model.parameters();
+    let located = Located {
+        coordinates: fit.parameters[..SIZE].to_vec(),
+        held: (0..SIZE)
+            .map(|i| at_bound(&parameters[i], fit.parameters[i]))
+            .collect(),
+    };
+    let mut estimates = estimates_at(&located, options, operating_point, nominal_hz, &precision);
+    let scale = precision.inflation[0];
+    for (index, parameter) in parameters.iter().enumerate().skip(SIZE) {
+        let estimate = effect_estimate(fit, index, parameter, scale);
+        estimates.parameters.push(estimate);
+    }
+    (estimates, precision)
+}
+
+fn effect_estimate(
+    fit: &ComposedFit,
+    index: usize,
+    parameter: &ModelParameter,
+    scale: f64,
+) -> ParameterEstimate {
+    let declared = parameter.declaration;
+    let value = fit.parameters[index];
+    let at_bound = at_bound(parameter, value);
+    let error = fit.standard_error(index).map(|error| scale * error);
+    let width = match declared.prior.scale {
+        Scale::Linear => declared.upper - declared.lower,
+        Scale::Logarithmic => value * (declared.upper / declared.lower).ln(),
+    };
+    let determined = !at_bound && error.is_some_and(|e| e < DETERMINED_SHARE * width);
+    let what = match declared.role {
+        Role::OneSidedAmplitude { .. } | Role::TwoSidedAmplitude { .. } => "amplitude",
+        Role::Shape => "shape",
+        Role::Shared => "shared by several effects",
+        Role::Base => "of ZIP and motor",
+    };
+    ParameterEstimate {
+        name: parameter.name.clone(),
+        meaning: format!("{} ({what})", declared.symbol),
+        value,
+        unit: declared.unit.to_owned(),
+        lower: declared.lower,
+        upper: declared.upper,
+        standard_error: error.filter(|_| determined),
+        at_bound,
+        identifiable: determined,
+        interval: None,
+    }
+}
+
+fn at_bound(parameter: &ModelParameter, value: f64) -> bool {
+    let declared = parameter.declaration;
+    let close = AT_BOUND * (declared.upper - declared.lower);
+    value - declared.lower <= close || declared.upper - value <= close
+}
+
+/// Covariance of the eight coordinates of ZIP and motor, effects free; where the fit is worse than
+/// the noise, errors grow with it.
+fn precision(fit: &ComposedFit) -> Precision {
+    let scale = fit.chi_square_per_row().max(1.0).sqrt();
+    let unknown = DMatrix::from_element(SIZE, SIZE, f64::NAN);
+    let covariance = fit.covariance.as_ref().map_or(unknown, |all| {
+        let place = |i: usize| fit.free.iter().position(|f| *f == i);
+        DMatrix::from_fn(SIZE, SIZE, |i, j| match (place(i), place(j)) {
+            (Some(a), Some(b)) => scale * scale * all[(a, b)],
+            _ => 0.0,
+        })
+    });
+    let (rank, condition) = rank_and_condition(fit);
+    Precision {
+        covariance,
+        rank,
+        condition,
+        inflation: [scale; SIZE],
+        events: 0,
+    }
+}
+
+/// Rank and condition of the sensitivities of all free parameters, scaled to equal length.
+fn rank_and_condition(fit: &ComposedFit) -> (usize, f64) {
+    let Some(covariance) = &fit.covariance else {
+        return (0, f64::INFINITY);
+    };
+    let size = covariance.nrows();
+    let root = |i: usize| covariance[(i, i)].sqrt();
+    let scaled = DMatrix::from_fn(size, size, |i, j| covariance[(i, j)] / (root(i) * root(j)));
+    let eigenvalues = scaled.symmetric_eigenvalues();
+    let (least, largest) = (eigenvalues.min(), eigenvalues.max());
+    (size, (largest / least.max(f64::MIN_POSITIVE)).sqrt())
+}
