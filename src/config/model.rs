@@ -325,8 +325,8 @@ impl Default for IdentificationConfig {
             hold_out_share: 0.33,
             zip_box: ZipBox::Wide,
             robust: RobustConfig::Off,
-            max_tiers: 3,
-            max_evaluations: 1000,
+            max_tiers: 20,
+            max_evaluations: 4000,
         }
     }
 }

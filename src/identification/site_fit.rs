@@ -2,7 +2,7 @@
 
 use super::{
     IdentificationError, IdentificationOptions, OperatingPoint,
-    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, extend},
+    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline},
     evaluate::EventModel,
     fit::{Fit, FitSolution, SearchOptions},
     identify::{fit_aligned, median_operating_point, prepare_all, reduced_chi_square, split},
@@ -140,18 +140,13 @@ fn compose(
     };
     let best = found.solutions.first().ok_or_else(failed)?;
     let options = ComposedFitOptions::default();
-    let start = baseline(events, &plain, best, problem, &options, cancel).ok_or_else(failed)?;
-    let mut built = plain;
-    let mut origins = vec![start.all];
-    origins.extend(start.mild);
-    let missing = structure.names().into_iter().filter(|n| !built.contains(n));
-    for effect in missing.collect::<Vec<_>>() {
-        let from: Vec<&ComposedFit> = origins.iter().collect();
-        let extension = extend(events, &built, &from, &effect, &options, cancel)?;
-        built = extension.structure;
-        origins = vec![extension.fit.ok_or_else(failed)?];
+    let missing = structure.names().into_iter().filter(|n| !plain.contains(n));
+    let mut built = baseline(events, &plain, best, problem, &options, cancel).ok_or_else(failed)?;
+    for effect in missing {
+        let next = built.with(events, &effect, &options, cancel)?;
+        built = next.ok_or_else(failed)?;
     }
-    Ok(origins.pop())
+    Ok(Some(built.all))
 }
 
 /// Fits again with the weights that the fit before gives the samples, until they settle: cheap local

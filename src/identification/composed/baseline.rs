@@ -1,14 +1,17 @@
 //! Where the fit of a structure with effects starts: the plain model on all events, and, where that
 //! fits badly, on the mildest of them only, whose voltage stayed above any threshold.
 
-use super::fit::{ComposedFit, ComposedFitOptions, fit};
+use super::{
+    extend::extend,
+    fit::{ComposedFit, ComposedFitOptions, fit},
+};
 use crate::{
     identification::{
         fit::{FitSolution, SearchOptions, fit as search},
         intake::PreparedEvent,
         joint_problem::ProblemOptions,
     },
-    load_model::{Structure, composed::ComposedModel},
+    load_model::{Structure, composed::ComposedModel, effect::Role, structure::StructureError},
 };
 
 /// Above this multiple of the noise (squared, per row) the mildest events are fitted by themselves.
@@ -20,19 +23,54 @@ const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
 /// Fewest events of a mild fit.
 const MILD_EVENTS_MIN: usize = 2;
 
-/// The plain structure fitted to all events and, where that fails, to the mildest.
+/// A structure fitted to all events and, where the plain structure fails on them, to the mildest.
 #[derive(Clone, Debug)]
 pub struct Baseline {
+    /// The structure.
+    pub structure: Structure,
     /// Fitted to all events.
     pub all: ComposedFit,
-    /// Fitted to the mildest events only.
-    pub mild: Option<ComposedFit>,
+    /// The mildest events, and the fit to them alone.
+    pub mild: Option<(Vec<PreparedEvent>, ComposedFit)>,
 }
 
 impl Baseline {
     /// The fits from which an effect may start.
+    #[must_use]
     pub fn origins(&self) -> Vec<&ComposedFit> {
-        std::iter::once(&self.all).chain(&self.mild).collect()
+        let mild = self.mild.iter().map(|(_, fit)| fit);
+        std::iter::once(&self.all).chain(mild).collect()
+    }
+
+    /// The baseline with one more effect: fitted to all events from both origins, and to the mild
+    /// events by themselves, so that a part whose effect shows everywhere is not spoilt by what
+    /// happens in deep dips only. `None` where no start could be simulated.
+    ///
+    /// # Errors
+    ///
+    /// [`StructureError`] when the effect is not in the catalogue, or excluded.
+    pub fn with(
+        &self,
+        events: &[PreparedEvent],
+        effect: &str,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Self>, StructureError> {
+        let origins = self.origins();
+        let extension = extend(events, &self.structure, &origins, effect, options, cancel)?;
+        let Some(all) = extension.fit else {
+            return Ok(None);
+        };
+        let mut mild = None;
+        if let Some((few, fit)) = &self.mild {
+            let own = extend(few, &self.structure, &[fit], effect, options, cancel)?;
+            mild = own.fit.map(|fit| (few.clone(), fit));
+        }
+        Ok(Some(Self {
+            structure: extension.structure,
+            all,
+            mild,
+        }))
     }
 }
 
@@ -51,7 +89,11 @@ pub fn baseline(
     let free = base_parameters(&model);
     let from = |solution: &FitSolution| start(&model, solution);
     let all = fit(events, &model, &from(best), &free, options, cancel)?;
-    let mut result = Baseline { all, mild: None };
+    let mut result = Baseline {
+        structure: structure.clone(),
+        all,
+        mild: None,
+    };
     if result.all.chi_square_per_row() < BAD_FIT {
         return Some(result);
     }
@@ -75,9 +117,9 @@ pub fn baseline(
             .and_then(|s| fit(&mild, &model, &from(s), &free, options, cancel));
         let Some(candidate) = candidate else { continue };
         let chi_square = candidate.chi_square_per_row();
-        let better = |known: &ComposedFit| chi_square < known.chi_square_per_row();
-        if result.mild.as_ref().is_none_or(better) {
-            result.mild = Some(candidate);
+        let known = result.mild.as_ref();
+        if known.is_none_or(|(_, known)| chi_square < known.chi_square_per_row()) {
+            result.mild = Some((mild, candidate));
         }
         if chi_square < GOOD_FIT {
             break;
@@ -98,11 +140,9 @@ fn mild_count(events: usize, share: f64) -> usize {
 /// The parameters of ZIP and motor.
 fn base_parameters(model: &ComposedModel) -> Vec<usize> {
     let all = model.parameters().iter().enumerate();
-    all.filter(|(_, p)| {
-        p.effect.is_none() && p.declaration.role == crate::load_model::effect::Role::Base
-    })
-    .map(|(index, _)| index)
-    .collect()
+    all.filter(|(_, p)| p.effect.is_none() && p.declaration.role == Role::Base)
+        .map(|(index, _)| index)
+        .collect()
 }
 
 /// The model's vector at a solution of the plain search, every effect as it is typically.
