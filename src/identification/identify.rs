@@ -166,13 +166,12 @@ pub fn identify(
     };
     let operating_point = site_fit.operating_point;
     let hz = site.nominal_hz;
-    let (mut estimates, precision) = match &site_fit.composed {
-        Some(composed) => composed_estimates(composed, problem, &operating_point, hz),
-        None => {
-            let precision = site_fit.precision(best);
-            let named = estimates::estimates(best, problem, &operating_point, hz, &precision);
-            (named, precision)
-        }
+    let (mut estimates, precision) = if let Some(composed) = &site_fit.composed {
+        composed_estimates(composed, problem, &operating_point, hz)
+    } else {
+        let precision = site_fit.precision(best);
+        let named = estimates::estimates(best, problem, &operating_point, hz, &precision);
+        (named, precision)
     };
     estimates.notes.extend(site_fit.robust_note());
     let evidence = Evidence {
