@@ -144,8 +144,8 @@ impl<'a> EventColumns<'a> {
     fn add_fixed(&mut self, row: &[f64; FIXED], weight: f64) {
         for i in 0..FIXED {
             let scaled = weight * row[i];
-            for j in i..FIXED {
-                self.fixed[(FIRST_FIXED + i, FIRST_FIXED + j)] += scaled * row[j];
+            for (j, x) in row.iter().enumerate().skip(i) {
+                self.fixed[(FIRST_FIXED + i, FIRST_FIXED + j)] += scaled * x;
             }
         }
     }
@@ -236,13 +236,13 @@ impl NearJump<'_> {
     fn add_to<const N: usize>(&self, gram: &mut Gram, columns: &[[&[f64]; 2]; N]) {
         let first = FIRST_FIXED - N;
         let motor = columns.map(|[active, reactive]| self.sample.measured(active, reactive));
-        for channel in 0..2 {
+        for (channel, fixed) in self.fixed.iter().enumerate() {
             for i in 0..N {
                 let scaled = self.weights[channel] * motor[i][channel];
                 for j in i..N {
                     gram[(first + i, first + j)] += scaled * motor[j][channel];
                 }
-                for (j, fixed) in self.fixed[channel].iter().enumerate() {
+                for (j, fixed) in fixed.iter().enumerate() {
                     gram[(first + i, FIRST_FIXED + j)] += scaled * fixed;
                 }
             }

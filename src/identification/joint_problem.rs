@@ -482,6 +482,10 @@ impl KeptSeries {
 }
 
 impl BatchSink for KeptSeries {
+    #[allow(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of the simulation"
+    )]
     #[inline(always)]
     fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]) {
         for ((motor, p), q) in motors.iter().zip(active).zip(reactive) {
