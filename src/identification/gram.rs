@@ -15,7 +15,7 @@ use super::{
     measurement_chain::{FilteredSample, StaticResponse},
 };
 use crate::{
-    load_model::MotorOutput,
+    load_model::{MotorOutput, induction_motor::BatchSink},
     numerics::{Dual, Scalar},
 };
 
@@ -76,6 +76,45 @@ pub(super) fn motor_change<S: Scalar>(
 
 /// What a motor draws at the output instants, P then Q, filled up to a whole number of [`LANES`].
 pub(super) type Series<'a> = [&'a mut [f64]; 2];
+
+/// What the motors of a batch draw, kept per motor: P, then Q.
+pub(super) struct KeptSeries {
+    length: usize,
+    powers: Vec<f64>,
+}
+
+impl KeptSeries {
+    /// Room for `motors` series of `length`.
+    pub(super) fn new(motors: usize, length: usize) -> Self {
+        Self {
+            length,
+            powers: vec![0.0; 2 * motors * length],
+        }
+    }
+
+    /// The series of each motor, in order.
+    pub(super) fn series(&mut self) -> impl Iterator<Item = Series<'_>> {
+        (self.powers.chunks_exact_mut(2 * self.length)).map(|both| {
+            let (active, reactive) = both.split_at_mut(self.length);
+            [active, reactive]
+        })
+    }
+}
+
+impl BatchSink for KeptSeries {
+    #[allow(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of the simulation"
+    )]
+    #[inline(always)]
+    fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]) {
+        for ((motor, p), q) in motors.iter().zip(active).zip(reactive) {
+            let at = 2 * motor * self.length + instant;
+            self.powers[at] = *p;
+            self.powers[at + self.length] = *q;
+        }
+    }
+}
 
 /// What an event's Gram matrix is made of besides the motor's columns.
 #[derive(Debug)]

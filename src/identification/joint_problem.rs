@@ -15,13 +15,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 use super::{
-    gram::{COLUMNS, EventColumns, Gram, Series, Y},
+    gram::{COLUMNS, EventColumns, Gram, KeptSeries, Y},
     intake::PreparedEvent,
 };
 use crate::{
     load_model::{
         LinearCoefficients, MotorCoordinates, MotorOutput,
-        induction_motor::{BatchSink, Effort, simulate_batch},
+        induction_motor::{Effort, simulate_batch},
     },
     numerics::{
         Bounds, Dual, Expansion, Objective, Scalar,
@@ -132,7 +132,7 @@ pub struct JointPoint {
 
 impl<'a> JointProblem<'a> {
     /// A problem over `events`; `cancel` makes every evaluation fail once it returns true. Sums once what
-    /// does not depend on the motor, which costs a few percent of a simulation per event.
+    /// does not depend on the motor: make a problem once and evaluate it often.
     #[must_use]
     pub fn new(
         events: &'a [PreparedEvent],
@@ -456,43 +456,6 @@ impl<'a> JointProblem<'a> {
     /// The events.
     pub(super) const fn events(&self) -> &'a [PreparedEvent] {
         self.events
-    }
-}
-
-/// What the motors of a batch draw, kept per motor: P, then Q.
-struct KeptSeries {
-    length: usize,
-    powers: Vec<f64>,
-}
-
-impl KeptSeries {
-    fn new(motors: usize, length: usize) -> Self {
-        Self {
-            length,
-            powers: vec![0.0; 2 * motors * length],
-        }
-    }
-
-    fn series(&mut self) -> impl Iterator<Item = Series<'_>> {
-        (self.powers.chunks_exact_mut(2 * self.length)).map(|both| {
-            let (active, reactive) = both.split_at_mut(self.length);
-            [active, reactive]
-        })
-    }
-}
-
-impl BatchSink for KeptSeries {
-    #[allow(
-        clippy::inline_always,
-        reason = "compiled for the instruction set of the simulation"
-    )]
-    #[inline(always)]
-    fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]) {
-        for ((motor, p), q) in motors.iter().zip(active).zip(reactive) {
-            let at = 2 * motor * self.length + instant;
-            self.powers[at] = *p;
-            self.powers[at + self.length] = *q;
-        }
     }
 }
 
