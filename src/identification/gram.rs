@@ -1,15 +1,21 @@
 //! Gram matrix of one event: the weighted products of all columns of the linear model (10) and the
 //! measurement. Everything a joint fit needs of an event is in these 66 numbers.
+//!
+//! Only four of the eleven columns depend on the motor: its own and its three sensitivities. What the
+//! others give among themselves is summed once per problem ([`EventColumns`]); a simulation then costs the
+//! products of its columns with one another and with the fixed ones. Sums run over all output
+//! instants, in which those that are no measured sample of the fit have weight zero, and in a
+//! fixed number of partial sums: the order does not depend on the instruction set.
 
 use nalgebra::SMatrix;
 
 use super::{
     intake::PreparedEvent,
     joint_problem::{LINEAR, OUTER},
-    measurement_chain::StaticResponse,
+    measurement_chain::{FilteredSample, StaticResponse},
 };
 use crate::{
-    load_model::MotorOutput,
+    load_model::{MotorOutput, induction_motor::BatchSink},
     numerics::{Dual, Scalar},
 };
 
@@ -20,11 +26,21 @@ pub(super) const Y: usize = COLUMNS - 1;
 
 pub(super) type Gram = SMatrix<f64, COLUMNS, COLUMNS>;
 
-/// Columns that a row of one channel fills: the other channel's static coefficients and offset are
-/// zero there.
-const FILLED: usize = OUTER + 5;
-/// Where those of P and of Q stand among all columns.
-const PLACES: [[usize; FILLED]; 2] = [[0, 1, 2, 3, 4, 5, 8, Y], [0, 1, 2, 3, 6, 7, 9, Y]];
+/// The motor's column; those before it are its sensitivities, those behind it do not depend on the motor.
+const MOTOR: usize = OUTER;
+const FIRST_FIXED: usize = MOTOR + 1;
+const FIXED: usize = COLUMNS - FIRST_FIXED;
+
+/// Fixed columns that a row of one channel fills away from jumps, of P and of Q: `v^2 - 1`, `v - 1`, offset,
+/// measured. The other channel's are zero there.
+const FILLED: usize = 4;
+const PLACES: [[usize; FILLED]; 2] = [[4, 5, 8, Y], [6, 7, 9, Y]];
+/// The offset's column is 1: its weighted column is the weight itself.
+const OFFSET: usize = 2;
+
+/// Partial sums side by side. Chosen: four suit every instruction set.
+const LANES: usize = 4;
+type Lanes = [f64; LANES];
 
 /// Columns of the linear model (10) at one sample, P row then Q row: what the motor gives to
 /// either, and the static load.
@@ -58,115 +74,274 @@ pub(super) fn motor_change<S: Scalar>(
     event.chain.measured(&active, &reactive)
 }
 
-/// Without sensitivities: those columns stay zero.
-pub(super) fn plain_gram(
-    event: &PreparedEvent,
-    out: &MotorOutput<f64>,
-    rest: f64,
-    frequency_scaled: bool,
-) -> Gram {
-    accumulate::<f64, OUTER>(event, out, rest, frequency_scaled, |_| [0.0; OUTER])
+/// What a motor draws at the output instants, P then Q, filled up to a whole number of [`LANES`].
+pub(super) type Series<'a> = [&'a mut [f64]; 2];
+
+/// What the motors of a batch draw, kept per motor: P, then Q.
+pub(super) struct KeptSeries {
+    length: usize,
+    powers: Vec<f64>,
 }
 
-/// With sensitivities.
-pub(super) fn sensitivity_gram(
-    event: &PreparedEvent,
-    out: &MotorOutput<Dual<OUTER>>,
-    rest: Dual<OUTER>,
-    frequency_scaled: bool,
-) -> Gram {
-    accumulate::<_, 0>(event, out, rest, frequency_scaled, |d| d.derivatives)
-}
-
-/// Sums over the used samples; columns before `FIRST` are left out.
-fn accumulate<S: Scalar, const FIRST: usize>(
-    event: &PreparedEvent,
-    out: &MotorOutput<S>,
-    rest: S,
-    frequency_scaled: bool,
-    derivatives: impl Fn(S) -> [f64; OUTER],
-) -> Gram {
-    let mut sums = [[[0.0; FILLED]; FILLED]; 2];
-    let mut near_jumps = Gram::zeros();
-    let q0 = event.q0_pu / event.p0_pu;
-    let motor = motor_change(event, out, rest, frequency_scaled);
-    let mut filtered = event.chain.filtered().iter().peekable();
-    for k in 0..event.len() {
-        let here = filtered.next_if(|f| f.sample == k);
-        if !event.used[k] {
-            continue;
+impl KeptSeries {
+    /// Room for `motors` series of `length`.
+    pub(super) fn new(motors: usize, length: usize) -> Self {
+        Self {
+            length,
+            powers: vec![0.0; 2 * motors * length],
         }
-        let slopes = motor[k].map(&derivatives);
-        let motor = motor[k].map(S::value);
-        let measured = [event.active[k], event.reactive[k]];
-        let deviations = [event.active_deviation[k], event.reactive_deviation[k]];
-        if let Some(here) = here {
-            let load = here.static_response();
-            let rows = full_rows(event, (slopes, motor), measured, &load);
-            for (row, deviation) in rows.iter().zip(deviations) {
-                add_row::<FIRST>(&mut near_jumps, row, 1.0 / (deviation * deviation));
+    }
+
+    /// The series of each motor, in order.
+    pub(super) fn series(&mut self) -> impl Iterator<Item = Series<'_>> {
+        (self.powers.chunks_exact_mut(2 * self.length)).map(|both| {
+            let (active, reactive) = both.split_at_mut(self.length);
+            [active, reactive]
+        })
+    }
+}
+
+impl BatchSink for KeptSeries {
+    #[allow(
+        clippy::inline_always,
+        reason = "compiled for the instruction set of the simulation"
+    )]
+    #[inline(always)]
+    fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]) {
+        for ((motor, p), q) in motors.iter().zip(active).zip(reactive) {
+            let at = 2 * motor * self.length + instant;
+            self.powers[at] = *p;
+            self.powers[at + self.length] = *q;
+        }
+    }
+}
+
+/// What an event's Gram matrix is made of besides the motor's columns.
+#[derive(Debug)]
+pub(super) struct EventColumns<'a> {
+    /// Products of the fixed columns among themselves.
+    fixed: Gram,
+    /// `f / f0` at the output instants where the motor's power follows it.
+    frequency: Option<Vec<f64>>,
+    /// Per channel and output instants: the fixed columns times their weight; zero at instants that are
+    /// no sample of the fit or lie near a jump.
+    weighted: [Vec<[Lanes; FILLED]>; 2],
+    near_jumps: Vec<NearJump<'a>>,
+}
+
+/// Rows of P and Q at a sample of the fit near a jump, where the filter mixes them.
+#[derive(Debug)]
+struct NearJump<'a> {
+    sample: &'a FilteredSample,
+    weights: [f64; 2],
+    fixed: [[f64; FIXED]; 2],
+}
+
+impl<'a> EventColumns<'a> {
+    /// The fixed part of an event's Gram matrix.
+    pub(super) fn new(event: &'a PreparedEvent, frequency_scaled: bool) -> Self {
+        let instants = event.input.output_count();
+        let blocks = instants.div_ceil(LANES);
+        let mut columns = Self {
+            fixed: Gram::zeros(),
+            frequency: frequency_scaled.then(|| {
+                let deviation = event.chain.output_frequency_deviation();
+                deviation.iter().map(|df| 1.0 + df).collect()
+            }),
+            weighted: std::array::from_fn(|_| vec![[[0.0; LANES]; FILLED]; blocks]),
+            near_jumps: Vec::new(),
+        };
+        let mut filtered = event.chain.filtered().iter().peekable();
+        for k in 0..event.len() {
+            let here = filtered.next_if(|f| f.sample == k);
+            if !event.used[k] {
+                continue;
             }
-            continue;
+            let load = here.map_or_else(
+                || StaticResponse::direct(event.voltage[k]),
+                FilteredSample::static_response,
+            );
+            let fixed = fixed_rows(event, k, &load);
+            let weights = [event.active_deviation[k], event.reactive_deviation[k]]
+                .map(|deviation| 1.0 / (deviation * deviation));
+            for (row, weight) in fixed.iter().zip(weights) {
+                columns.add_fixed(row, weight);
+            }
+            match here {
+                Some(sample) => columns.near_jumps.push(NearJump {
+                    sample,
+                    weights,
+                    fixed,
+                }),
+                None => columns.add_sample(event.chain.instant(k), &fixed, weights),
+            }
         }
-        let v = event.voltage[k];
-        let (square, line) = (v * v - 1.0, v - 1.0);
-        let rest = [1.0, q0];
-        for (channel, (sum, deviation)) in sums.iter_mut().zip(deviations).enumerate() {
-            let [a, b, c] = slopes[channel];
-            let change = measured[channel] - rest[channel];
-            let row = [a, b, c, motor[channel], square, line, 1.0, change];
-            let weight = 1.0 / (deviation * deviation);
-            for i in FIRST..FILLED {
-                let scaled = weight * row[i];
-                for j in i..FILLED {
-                    sum[i][j] += scaled * row[j];
+        columns.fixed.fill_lower_triangle_with_upper_triangle();
+        columns
+    }
+
+    fn add_fixed(&mut self, row: &[f64; FIXED], weight: f64) {
+        for i in 0..FIXED {
+            let scaled = weight * row[i];
+            for (j, x) in row.iter().enumerate().skip(i) {
+                self.fixed[(FIRST_FIXED + i, FIRST_FIXED + j)] += scaled * x;
+            }
+        }
+    }
+
+    fn add_sample(&mut self, instant: usize, fixed: &[[f64; FIXED]; 2], weights: [f64; 2]) {
+        for channel in 0..2 {
+            let block = &mut self.weighted[channel][instant / LANES];
+            for (column, place) in block.iter_mut().zip(PLACES[channel]) {
+                column[instant % LANES] = weights[channel] * fixed[channel][place - FIRST_FIXED];
+            }
+        }
+    }
+
+    /// Length of a series: the output instants and what fills them up.
+    pub(super) fn series_length(&self) -> usize {
+        self.weighted[0].len() * LANES
+    }
+
+    /// The Gram matrix without sensitivities: those columns stay zero. `series` is what the motor
+    /// draws; it is overwritten.
+    pub(super) fn plain_gram(&self, [active, reactive]: Series<'_>, rest: f64) -> Gram {
+        self.scale_with_frequency(active);
+        subtract(active, 1.0);
+        subtract(reactive, rest);
+        self.gram(&[[active, reactive]])
+    }
+
+    /// The Gram matrix with sensitivities.
+    pub(super) fn sensitivity_gram(
+        &self,
+        out: &MotorOutput<Dual<OUTER>>,
+        rest: Dual<OUTER>,
+    ) -> Gram {
+        let length = self.series_length();
+        let mut series = vec![0.0; 2 * (OUTER + 1) * length];
+        let mut parts = series.chunks_exact_mut(length);
+        let mut columns: [[&mut [f64]; 2]; OUTER + 1] =
+            std::array::from_fn(|_| [(); 2].map(|()| parts.next().unwrap_or_default()));
+        for (channel, output) in [&out.active, &out.reactive].into_iter().enumerate() {
+            for (k, x) in output.iter().enumerate() {
+                for (i, column) in columns.iter_mut().enumerate() {
+                    column[channel][k] = component(x, i);
+                }
+            }
+        }
+        for (i, [active, reactive]) in columns.iter_mut().enumerate() {
+            self.scale_with_frequency(active);
+            subtract(active, if i == MOTOR { 1.0 } else { 0.0 });
+            subtract(reactive, component(&rest, i));
+        }
+        self.gram(&columns.each_ref().map(|pair| pair.each_ref().map(|s| &**s)))
+    }
+
+    fn scale_with_frequency(&self, active: &mut [f64]) {
+        if let Some(frequency) = &self.frequency {
+            for (p, f) in active.iter_mut().zip(frequency) {
+                *p *= f;
+            }
+        }
+    }
+
+    /// The Gram matrix with the last `N` columns up to the motor's.
+    fn gram<const N: usize>(&self, columns: &[[&[f64]; 2]; N]) -> Gram {
+        let first = FIRST_FIXED - N;
+        let mut gram = self.fixed;
+        let mut weighted = vec![[0.0; LANES]; self.weighted[0].len()];
+        for channel in 0..2 {
+            for i in 0..N {
+                let column = columns[i][channel];
+                let sums = with_fixed(column, &self.weighted[channel], &mut weighted);
+                for (place, sum) in PLACES[channel].into_iter().zip(sums) {
+                    gram[(first + i, place)] += sum;
+                }
+                for j in i..N {
+                    gram[(first + i, first + j)] += product(&weighted, columns[j][channel]);
+                }
+            }
+        }
+        for near in &self.near_jumps {
+            near.add_to(&mut gram, columns);
+        }
+        gram.fill_lower_triangle_with_upper_triangle();
+        gram
+    }
+}
+
+impl NearJump<'_> {
+    fn add_to<const N: usize>(&self, gram: &mut Gram, columns: &[[&[f64]; 2]; N]) {
+        let first = FIRST_FIXED - N;
+        let motor = columns.map(|[active, reactive]| self.sample.measured(active, reactive));
+        for (channel, fixed) in self.fixed.iter().enumerate() {
+            for i in 0..N {
+                let scaled = self.weights[channel] * motor[i][channel];
+                for j in i..N {
+                    gram[(first + i, first + j)] += scaled * motor[j][channel];
+                }
+                for (j, fixed) in fixed.iter().enumerate() {
+                    gram[(first + i, FIRST_FIXED + j)] += scaled * fixed;
                 }
             }
         }
     }
-    near_jumps.fill_lower_triangle_with_upper_triangle();
-    scattered(&sums) + near_jumps
 }
 
-/// Rows of P and Q near a jump, where the filter mixes them: every column is filled.
-fn full_rows(
-    event: &PreparedEvent,
-    (slopes, motor): ([[f64; OUTER]; 2], [f64; 2]),
-    measured: [f64; 2],
-    load: &StaticResponse,
-) -> [[f64; COLUMNS]; 2] {
-    let linear = linear_rows(motor, load);
+/// A sensitivity, or the value behind the sensitivities.
+fn component(x: &Dual<OUTER>, index: usize) -> f64 {
+    x.derivatives.get(index).copied().unwrap_or(x.value)
+}
+
+/// The fixed columns of one sample, P row then Q row.
+fn fixed_rows(event: &PreparedEvent, k: usize, load: &StaticResponse) -> [[f64; FIXED]; 2] {
+    let linear = linear_rows([0.0; 2], load);
     let rest = at_rest(event, load);
+    let measured = [event.active[k], event.reactive[k]];
     let [unity, crossed] = load.unity;
     let offsets = [[unity, -crossed], [crossed, unity]];
     std::array::from_fn(|channel| {
-        let mut row = [0.0; COLUMNS];
-        row[..OUTER].copy_from_slice(&slopes[channel]);
-        row[OUTER..OUTER + LINEAR].copy_from_slice(&linear[channel]);
-        row[OUTER + LINEAR..Y].copy_from_slice(&offsets[channel]);
-        row[Y] = measured[channel] - rest[channel];
+        let mut row = [0.0; FIXED];
+        row[..LINEAR - 1].copy_from_slice(&linear[channel][1..]);
+        row[LINEAR - 1..FIXED - 1].copy_from_slice(&offsets[channel]);
+        row[FIXED - 1] = measured[channel] - rest[channel];
         row
     })
 }
 
-fn add_row<const FIRST: usize>(gram: &mut Gram, row: &[f64; COLUMNS], weight: f64) {
-    for i in FIRST..COLUMNS {
-        let scaled = weight * row[i];
-        for j in i..COLUMNS {
-            gram[(i, j)] += scaled * row[j];
-        }
+fn subtract(series: &mut [f64], rest: f64) {
+    for x in series {
+        *x -= rest;
     }
 }
 
-fn scattered(sums: &[[[f64; FILLED]; FILLED]; 2]) -> Gram {
-    let mut gram = Gram::zeros();
-    for (sum, places) in sums.iter().zip(&PLACES) {
-        for i in 0..FILLED {
-            for j in i..FILLED {
-                gram[(places[i], places[j])] += sum[i][j];
+/// Sums of a column times the weighted fixed ones; `weighted` becomes the column times its weight.
+fn with_fixed(column: &[f64], fixed: &[[Lanes; FILLED]], weighted: &mut [Lanes]) -> [f64; FILLED] {
+    let mut sums = [[0.0; LANES]; FILLED];
+    for ((x, fixed), weighted) in column.chunks_exact(LANES).zip(fixed).zip(weighted) {
+        for lane in 0..LANES {
+            weighted[lane] = fixed[OFFSET][lane] * x[lane];
+        }
+        for (sum, fixed) in sums.iter_mut().zip(fixed) {
+            for lane in 0..LANES {
+                sum[lane] += fixed[lane] * x[lane];
             }
         }
     }
-    gram.fill_lower_triangle_with_upper_triangle();
-    gram
+    sums.map(together)
+}
+
+fn product(weighted: &[Lanes], column: &[f64]) -> f64 {
+    let mut sum = [0.0; LANES];
+    for (w, x) in weighted.iter().zip(column.chunks_exact(LANES)) {
+        for lane in 0..LANES {
+            sum[lane] += w[lane] * x[lane];
+        }
+    }
+    together(sum)
+}
+
+fn together([a, b, c, d]: Lanes) -> f64 {
+    (a + b) + (c + d)
 }

@@ -15,11 +15,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 use super::{
-    gram::{COLUMNS, Gram, Y, plain_gram, sensitivity_gram},
+    gram::{COLUMNS, EventColumns, Gram, KeptSeries, Y},
     intake::PreparedEvent,
 };
 use crate::{
-    load_model::{LinearCoefficients, MotorCoordinates, MotorOutput},
+    load_model::{
+        LinearCoefficients, MotorCoordinates, MotorOutput,
+        induction_motor::{Effort, simulate_batch},
+    },
     numerics::{
         Bounds, Dual, Expansion, Objective, Scalar,
         quadratic_program::{LinearConstraints, QuadraticProgram},
@@ -37,6 +40,9 @@ const RANDOM: usize = LINEAR + 2;
 pub const PAPER_SHARES: (f64, f64) = (0.1, 0.9);
 /// Least motor share in the paper's box (14).
 const PAPER_MOTOR_SHARE_MIN: f64 = 0.1;
+
+/// Points that [`JointProblem`] simulates at once: their outputs fit into a processor's own cache.
+const POINTS_AT_ONCE: usize = 64;
 
 /// Names of the outer unknowns, in order.
 pub const OUTER_NAMES: [&str; OUTER] = ["ln_alpha", "ln_nu", "kappa"];
@@ -90,6 +96,8 @@ pub fn outer_bounds() -> Bounds {
 /// The joint problem of some events.
 pub struct JointProblem<'a> {
     events: &'a [PreparedEvent],
+    /// Of each event, what does not depend on the motor.
+    columns: Vec<EventColumns<'a>>,
     options: ProblemOptions,
     cancel: &'a (dyn Fn() -> bool + Sync),
     simulations: AtomicU64,
@@ -123,15 +131,20 @@ pub struct JointPoint {
 }
 
 impl<'a> JointProblem<'a> {
-    /// A problem over `events`; `cancel` makes every evaluation fail once it returns true.
+    /// A problem over `events`; `cancel` makes every evaluation fail once it returns true. Sums once what
+    /// does not depend on the motor: make a problem once and evaluate it often.
     #[must_use]
-    pub const fn new(
+    pub fn new(
         events: &'a [PreparedEvent],
         options: ProblemOptions,
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Self {
+        let columns = (events.iter())
+            .map(|event| EventColumns::new(event, options.frequency_scaled_power))
+            .collect();
         Self {
             events,
+            columns,
             options,
             cancel,
             simulations: AtomicU64::new(0),
@@ -204,45 +217,75 @@ impl<'a> JointProblem<'a> {
         };
         let mut out = MotorOutput::default();
         let mut sums = Vec::with_capacity(self.events.len());
-        let scaled = self.options.frequency_scaled_power;
-        for event in self.events {
+        for (event, columns) in self.events.iter().zip(&self.columns) {
             if (self.cancel)() {
                 return None;
             }
             self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
             let rest = reactive_at_rest(&motor);
-            sums.push(self.marginal(event, &sensitivity_gram(event, &out, rest, scaled)));
+            sums.push(self.marginal(event, &columns.sensitivity_gram(&out, rest)));
         }
         Some(sums)
     }
 
-    fn value_only(&self, x: &DVector<f64>) -> Option<f64> {
-        let sum = self.plain_sum(x)?;
-        let (h, g) = self.linear_system(&sum);
+    /// The objective, given the sum of the Gram matrices.
+    fn value_of(&self, sum: &Gram) -> Option<f64> {
+        let (h, g) = self.linear_system(sum);
         let beta = self.linear_optimum(&h, &g)?;
-        let value = self.objective(&sum, &h, &g, &beta);
+        let value = self.objective(sum, &h, &g, &beta);
         value.is_finite().then_some(value)
     }
 
     /// The Gram matrices of all events without sensitivities, random effects removed.
     fn plain_sum(&self, x: &DVector<f64>) -> Option<Gram> {
         let motor = motor_coordinates(x);
+        let rest = reactive_at_rest(&motor);
         let mut out = MotorOutput::default();
         let mut sum = Gram::zeros();
-        let scaled = self.options.frequency_scaled_power;
-        for event in self.events {
+        for (event, columns) in self.events.iter().zip(&self.columns) {
             if (self.cancel)() {
                 return None;
             }
             self.simulations.fetch_add(1, Ordering::Relaxed);
             motor.simulate(&event.input, &mut out).ok()?;
-            let rest = reactive_at_rest(&motor);
-            sum += self
-                .marginal(event, &plain_gram(event, &out, rest, scaled))
-                .gram;
+            let length = columns.series_length();
+            out.active.resize(length, 0.0);
+            out.reactive.resize(length, 0.0);
+            let gram = columns.plain_gram([&mut out.active, &mut out.reactive], rest);
+            sum += self.marginal(event, &gram).gram;
         }
         Some(sum)
+    }
+
+    /// As [`plain_sum`](Self::plain_sum) for several points, bit by bit: simulated side by side, each
+    /// summed by itself.
+    fn plain_sums(&self, points: &[DVector<f64>]) -> Vec<Option<Gram>> {
+        let mut sums = vec![Some(Gram::zeros()); points.len()];
+        for (event, columns) in self.events.iter().zip(&self.columns) {
+            if (self.cancel)() {
+                return vec![None; points.len()];
+            }
+            let (indices, motors): (Vec<usize>, Vec<_>) = (0..points.len())
+                .filter(|&i| sums[i].is_some())
+                .map(|i| (i, motor_coordinates(&points[i])))
+                .unzip();
+            self.simulations
+                .fetch_add(motors.len() as u64, Ordering::Relaxed);
+            let mut kept = KeptSeries::new(motors.len(), columns.series_length());
+            let verdicts = simulate_batch(&motors, &event.input, Effort::Exact, &mut kept);
+            for (((index, motor), verdict), series) in (indices.iter().zip(&motors))
+                .zip(verdicts)
+                .zip(kept.series())
+            {
+                let marginal = verdict.ok().map(|()| {
+                    let gram = columns.plain_gram(series, reactive_at_rest(motor));
+                    self.marginal(event, &gram).gram
+                });
+                sums[*index] = sums[*index].zip(marginal).map(|(sum, more)| sum + more);
+            }
+        }
+        sums
     }
 
     /// Removes the random effects: `G_aa - G_af (I + G_ff)^-1 G_fa`, with the random columns scaled
@@ -460,7 +503,18 @@ impl Objective for JointProblem<'_> {
     }
 
     fn value(&self, x: &DVector<f64>) -> Option<f64> {
-        self.value_only(x)
+        self.value_of(&self.plain_sum(x)?)
+    }
+
+    /// As [`value`](Self::value), bit by bit, whatever the other points: the motors are simulated side by
+    /// side and everything after that is done for each point by itself.
+    fn values(&self, points: &[DVector<f64>]) -> Vec<Option<f64>> {
+        let mut values = Vec::with_capacity(points.len());
+        for some in points.chunks(POINTS_AT_ONCE) {
+            let sums = self.plain_sums(some).into_iter();
+            values.extend(sums.map(|sum| self.value_of(&sum?)));
+        }
+        values
     }
 
     fn expansion(&self, x: &DVector<f64>) -> Option<Expansion> {
@@ -500,3 +554,6 @@ pub(super) fn reactive_at_rest<S: Scalar>(motor: &MotorCoordinates<S>) -> S {
     let root = (S::constant(1.0) - motor.kappa * motor.kappa).sqrt();
     (S::constant(1.0) - root) / motor.kappa
 }
+
+#[cfg(test)]
+mod tests;
