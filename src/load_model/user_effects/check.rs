@@ -2,10 +2,7 @@
 //! amplitude, states slow enough to be integrated, finite power in a dip.
 
 use super::{
-    compile::{Kept, STATES_MAX},
-    declared::OwnedParameter,
-    document::Faults,
-    effect::Formulas,
+    compile::STATES_MAX, declared::OwnedParameter, document::Faults, effect::Formulas,
     program::VARIABLES,
 };
 use crate::load_model::composed::Step;
@@ -28,6 +25,7 @@ const STEPS: u32 = 120;
 pub(super) fn physics(
     formulas: &Formulas,
     parameters: &[OwnedParameter],
+    states: &[(String, String)],
     at: usize,
     faults: &mut Faults,
 ) {
@@ -49,7 +47,7 @@ pub(super) fn physics(
         too_fast.map(|(m, c)| (m, c.to_owned())),
         points
             .iter()
-            .find_map(|p| moved_at_rest(formulas, parameters, p)),
+            .find_map(|p| moved_at_rest(formulas, parameters, states, p)),
     ];
     let bad = checks.iter().any(Option::is_some);
     for (message, cure) in checks.into_iter().flatten() {
@@ -126,24 +124,32 @@ fn variables([voltage, deviation, time_s, reactive]: [f64; 4]) -> [f64; VARIABLE
 fn moved_at_rest(
     formulas: &Formulas,
     parameters: &[OwnedParameter],
+    states: &[(String, String)],
     p: &[f64],
 ) -> Option<(String, String)> {
     for reactive in REACTIVE_AT_REST {
         let mut x = [0.0; STATES_MAX];
         formulas.at_rest(p, reactive, &mut x);
         let with = format!("with {}, q0 = {reactive}", named(parameters, p));
-        let slopes = formulas.slopes(p, &x, [1.0, 0.0], reactive);
+        let slopes = formulas.slopes::<f64, STATES_MAX>(p, &x, [1.0, 0.0], reactive);
         let still = |s: &f64| s.abs() <= NO_SLOPE;
-        if let Some(k) = slopes.iter().position(|s| !still(s)) {
+        let moved = slopes
+            .iter()
+            .zip(&formulas.moving)
+            .position(|(s, _)| !still(s));
+        if let Some(k) = moved {
+            let state = formulas.moving[k];
             let message = format!(
-                "at rest state {} changes by {:e} per s {with}",
-                k + 1,
+                "at rest state `{}` changes by {:e} per s {with}",
+                states.get(state).map_or("", |(name, _)| name.as_str()),
                 slopes[k]
             );
             let cure = "its derivative must be 0 at v = 1, df = 0 and its initial value";
             return Some((message, cure.to_owned()));
         }
-        if let Some(value) = formulas.condition_at_rest(p, &x, reactive) {
+        let conditions = formulas.conditions_at_rest(p, &x, reactive);
+        let holds = |c: &&f64| **c > 0.0 || c.is_nan();
+        if let Some(value) = conditions.iter().find(holds) {
             let message = format!("at rest the condition of a timer or latch is {value} {with}");
             let cure = "it must be 0 at v = 1, df = 0: narrow the bounds of its threshold";
             return Some((message, cure.to_owned()));
@@ -207,7 +213,7 @@ fn driven(
         };
         let mut done = 0.0;
         while done < substeps {
-            formulas.advance(p, &mut x, &step, REACTIVE);
+            formulas.advance(p, &mut x[..formulas.states], &step, REACTIVE);
             done += 1.0;
         }
     }
@@ -226,16 +232,4 @@ fn dip(time_s: f64) -> (f64, f64) {
         1.08
     };
     (voltage, 0.01 * (9.0 * time_s).sin())
-}
-
-impl Formulas {
-    /// A condition that holds at rest.
-    fn condition_at_rest(&self, p: &[f64], x: &[f64; STATES_MAX], reactive: f64) -> Option<f64> {
-        let relays = self.kept.iter().filter_map(|(kept, _)| match *kept {
-            Kept::Timer { condition } | Kept::Latch { condition, .. } => Some(condition),
-            _ => None,
-        });
-        let mut values = relays.map(|place| self.condition(p, x, reactive, place));
-        values.find(|value| *value > 0.0 || value.is_nan())
-    }
 }

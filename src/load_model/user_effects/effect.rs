@@ -6,8 +6,8 @@
 //! seen there one step later.
 
 use super::{
-    compile::{Kept, STATES_MAX},
-    program::{Place, Program, Scope, VARIABLES},
+    compile::STATES_MAX,
+    program::{Flat, Scope, VARIABLES},
 };
 use crate::{
     load_model::{
@@ -22,23 +22,33 @@ use crate::{
     },
 };
 
+/// A state that moves at the end of a step; it reads one argument, a latch a second one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Switched {
+    Timer,
+    /// A timer and, in the state behind it, what has switched.
+    Latch,
+    Minimum,
+    Maximum,
+}
+
 /// The equations of a file.
 #[derive(Clone, Debug)]
 pub(super) struct Formulas {
     /// Number of states.
     pub(super) states: usize,
-    /// Initial values of the declared states.
-    pub(super) initial: Program,
-    pub(super) initial_places: Vec<Place>,
-    /// Slopes of the declared states, and the arguments of lags.
-    pub(super) rates: Program,
-    pub(super) rate_places: Vec<Place>,
-    /// Arguments of relays and extremes.
-    pub(super) conditions: Program,
-    pub(super) power: Program,
-    pub(super) power_places: [Place; 2],
-    /// What functions keep, and the first state of each; inner ones come first.
-    pub(super) kept: Vec<(Kept, usize)>,
+    /// Initial values of the declared states, which are the first.
+    pub(super) initial: Flat,
+    /// What lags and extremes start from, inner functions first.
+    pub(super) rest: Vec<(usize, Flat)>,
+    /// Slopes of the states in `moving`.
+    pub(super) rates: Flat,
+    pub(super) moving: Vec<usize>,
+    /// Arguments of those in `switched`, one after the other.
+    pub(super) conditions: Flat,
+    pub(super) switched: Vec<(Switched, usize)>,
+    /// Active and reactive power added.
+    pub(super) power: Flat,
 }
 
 /// An effect that was read from a file.
@@ -59,118 +69,96 @@ impl Declared for UserEffect {
     }
 }
 
-type States<S> = [S; STATES_MAX];
-
-fn zeros<S: Elementary>() -> States<S> {
-    [S::constant(0.0); STATES_MAX]
-}
-
 /// What states see: no time, no power.
-fn seen<S: Elementary>(voltage: S, deviation: S, reactive_at_rest: f64) -> [S; VARIABLES] {
+fn scope<'a, S: Elementary>(
+    p: &'a [S],
+    x: &'a [S],
+    [voltage, deviation]: [S; 2],
+    reactive_at_rest: f64,
+) -> Scope<'a, S> {
     let none = S::constant(0.0);
     let reactive = S::constant(reactive_at_rest);
-    [voltage, deviation, none, reactive, none, none, none]
+    Scope {
+        variables: [voltage, deviation, none, reactive, none, none, none],
+        parameters: p,
+        states: x,
+    }
 }
 
 impl Formulas {
-    /// The same for all uses of an argument of a function.
-    fn argument<S: Elementary>(program: &Program, scope: &Scope<'_, S>, place: Place) -> S {
-        let mut value = [S::constant(0.0)];
-        program.evaluate(scope, std::iter::once(place), &mut value);
-        value[0]
-    }
-
-    /// The states at rest.
+    /// The states at rest; `x` is zero before.
     pub(super) fn at_rest<S: Elementary>(&self, p: &[S], reactive_at_rest: f64, x: &mut [S]) {
-        let variables = seen(S::constant(1.0), S::constant(0.0), reactive_at_rest);
-        let mut start = zeros::<S>();
-        let scope = Scope {
-            variables,
-            parameters: p,
-            states: &zeros::<S>(),
-        };
-        let places = self.initial_places.iter().copied();
-        self.initial.evaluate(&scope, places, &mut start);
-        for (kept, state) in &self.kept {
-            let scope = Scope {
-                variables,
-                parameters: p,
-                states: &start,
-            };
-            let value = match *kept {
-                Kept::Lag { input, .. } => Self::argument(&self.rates, &scope, input),
-                Kept::Minimum { input } | Kept::Maximum { input } => {
-                    Self::argument(&self.conditions, &scope, input)
-                }
-                Kept::Timer { .. } | Kept::Latch { .. } => continue,
-            };
-            start[*state] = value;
-        }
-        for (target, value) in x.iter_mut().zip(start) {
-            *target = value;
+        let still = [S::constant(1.0), S::constant(0.0)];
+        self.initial
+            .evaluate(&scope(p, &[], still, reactive_at_rest), x);
+        for (state, flat) in &self.rest {
+            let mut value = [S::constant(0.0)];
+            flat.evaluate(&scope(p, x, still, reactive_at_rest), &mut value);
+            x[*state] = value[0];
         }
     }
 
-    /// Slopes of the declared states and of lags; 0 for the others.
-    pub(super) fn slopes<S: Elementary>(
+    /// Slopes of the states in `moving`, in that order.
+    pub(super) fn slopes<S: Elementary, const N: usize>(
         &self,
         p: &[S],
-        x: &States<S>,
-        [voltage, deviation]: [S; 2],
+        x: &[S],
+        seen: [S; 2],
         reactive_at_rest: f64,
-    ) -> States<S> {
-        let scope = Scope {
-            variables: seen(voltage, deviation, reactive_at_rest),
-            parameters: p,
-            states: x,
-        };
-        let lags = self.kept.iter().filter_map(|(kept, state)| match *kept {
-            Kept::Lag { input, time } => Some((*state, [input, time])),
-            _ => None,
-        });
-        let arguments = lags.clone().flat_map(|(_, places)| places);
-        let wanted = self.rate_places.iter().copied().chain(arguments);
-        let mut found = [S::constant(0.0); 2 * STATES_MAX];
-        self.rates.evaluate(&scope, wanted, &mut found);
-        let declared = self.rate_places.len();
-        let mut slopes = zeros::<S>();
-        slopes[..declared].copy_from_slice(&found[..declared]);
-        for (k, (state, _)) in lags.enumerate() {
-            let [input, time] = [0, 1].map(|i| found[declared + 2 * k + i]);
-            slopes[state] = (input - x[state]) / time;
-        }
+    ) -> [S; N] {
+        let mut slopes = [S::constant(0.0); N];
+        self.rates
+            .evaluate(&scope(p, x, seen, reactive_at_rest), &mut slopes);
         slopes
     }
 
-    /// The places of the arguments of relays and extremes.
-    fn condition_places(&self) -> impl Iterator<Item = Place> {
-        self.kept
-            .iter()
-            .flat_map(|(kept, _)| match *kept {
-                Kept::Latch { condition, delay } => [Some(condition), Some(delay)],
-                Kept::Timer { condition: x }
-                | Kept::Minimum { input: x }
-                | Kept::Maximum { input: x } => [Some(x), None],
-                Kept::Lag { .. } => [None, None],
-            })
-            .flatten()
+    /// Takes the states over one step.
+    pub(super) fn advance<S: Elementary>(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: f64) {
+        match self.states {
+            0 => {}
+            1 => self.advance_in::<S, 1>(p, x, step, rest),
+            2 => self.advance_in::<S, 2>(p, x, step, rest),
+            3 | 4 => self.advance_in::<S, 4>(p, x, step, rest),
+            _ => self.advance_in::<S, STATES_MAX>(p, x, step, rest),
+        }
     }
 
-    fn integrate<S: Elementary>(
+    fn advance_in<S: Elementary, const N: usize>(
         &self,
         p: &[S],
-        x: &States<S>,
+        x: &mut [S],
         step: &Step<S>,
         rest: f64,
-    ) -> States<S> {
-        let used = self.states;
-        let slopes = |x: &States<S>, stage: usize| {
-            self.slopes(p, x, [step.voltage[stage], step.frequency_deviation], rest)
+    ) {
+        let mut before = [S::constant(0.0); N];
+        before[..x.len()].copy_from_slice(x);
+        let mut after = before;
+        if !self.moving.is_empty() {
+            self.integrate(p, &before, &mut after, step, rest);
+        }
+        if !self.switched.is_empty() {
+            self.switch(p, &before, &mut after, step, rest);
+        }
+        let used = x.len();
+        x.copy_from_slice(&after[..used]);
+    }
+
+    fn integrate<S: Elementary, const N: usize>(
+        &self,
+        p: &[S],
+        x: &[S; N],
+        next: &mut [S; N],
+        step: &Step<S>,
+        rest: f64,
+    ) {
+        let slopes = |x: &[S; N], stage: usize| {
+            let seen = [step.voltage[stage], step.frequency_deviation];
+            self.slopes::<S, N>(p, x, seen, rest)
         };
-        let ahead = |k: &States<S>, by: f64| {
+        let ahead = |k: &[S; N], by: f64| {
             let mut moved = *x;
-            for (m, k) in moved.iter_mut().zip(k).take(used) {
-                *m = *m + *k * by;
+            for (state, k) in self.moving.iter().zip(k) {
+                moved[*state] = moved[*state] + *k * by;
             }
             moved
         };
@@ -179,90 +167,66 @@ impl Formulas {
         let k2 = slopes(&ahead(&k1, 0.5 * h), 1);
         let k3 = slopes(&ahead(&k2, 0.5 * h), 1);
         let k4 = slopes(&ahead(&k3, h), 2);
-        let mut next = *x;
-        for i in 0..used {
-            let mean = (k1[i] + (k2[i] + k3[i]) * 2.0 + k4[i]) * (1.0 / 6.0);
-            next[i] = next[i] + mean * h;
+        for (i, state) in self.moving.iter().enumerate() {
+            let sum = k1[i] + (k2[i] + k3[i]) * 2.0 + k4[i];
+            next[*state] = x[*state] + sum * (h / 6.0);
         }
-        next
     }
 
-    /// Arguments of relays and extremes at start, middle and end of a step.
-    fn conditions<S: Elementary>(
+    fn switch<S: Elementary, const N: usize>(
         &self,
         p: &[S],
-        [before, after]: [&States<S>; 2],
+        before: &[S; N],
+        x: &mut [S; N],
         step: &Step<S>,
         rest: f64,
-    ) -> [[S; 2 * STATES_MAX]; 3] {
-        let mut middle = *after;
-        for (m, b) in middle.iter_mut().zip(before) {
-            *m = (*m + *b) * 0.5;
+    ) {
+        let mut middle = *x;
+        for state in &self.moving {
+            middle[*state] = (middle[*state] + before[*state]) * 0.5;
         }
-        let points = [before, &middle, after];
-        let mut found = [[S::constant(0.0); 2 * STATES_MAX]; 3];
+        // A column for each argument; there are no more of them than states.
+        let mut found = [[S::constant(0.0); N]; 3];
+        let points = [before, &middle, &*x];
         for ((states, voltage), found) in points.into_iter().zip(step.voltage).zip(&mut found) {
-            let scope = Scope {
-                variables: seen(voltage, step.frequency_deviation, rest),
-                parameters: p,
-                states,
-            };
+            let seen = [voltage, step.frequency_deviation];
             self.conditions
-                .evaluate(&scope, self.condition_places(), found);
+                .evaluate(&scope(p, states, seen, rest), found);
         }
-        found
-    }
-
-    fn switch<S: Elementary>(&self, x: &mut States<S>, found: &[[S; 2 * STATES_MAX]; 3], h: f64) {
         let mut column = 0;
-        for (kept, state) in &self.kept {
+        for (kind, state) in &self.switched {
             let state = *state;
             let argument = [0, 1, 2].map(|i: usize| found[i][column]);
-            match kept {
-                Kept::Lag { .. } => continue,
-                Kept::Timer { .. } => relay::run_timer(&mut x[state], argument, h),
-                Kept::Latch { .. } => {
-                    let delay = found[2][column + 1];
-                    let (mut timer, mut latched) = (x[state], x[state + 1]);
-                    relay::latch([&mut timer, &mut latched], argument, delay, h);
-                    (x[state], x[state + 1]) = (timer, latched);
-                    column += 1;
-                }
-                Kept::Minimum { .. } => {
-                    x[state] = argument.into_iter().fold(x[state], smaller);
-                }
-                Kept::Maximum { .. } => {
-                    x[state] = argument.into_iter().fold(x[state], larger);
-                }
-            }
             column += 1;
+            match kind {
+                Switched::Timer => relay::run_timer(&mut x[state], argument, step.duration_s),
+                Switched::Latch => {
+                    let delay = found[2][column];
+                    column += 1;
+                    if let Some([timer, latched]) = x.get_mut(state..state + 2) {
+                        relay::latch([timer, latched], argument, delay, step.duration_s);
+                    }
+                }
+                Switched::Minimum => x[state] = argument.into_iter().fold(x[state], smaller),
+                Switched::Maximum => x[state] = argument.into_iter().fold(x[state], larger),
+            }
         }
     }
 
-    /// A condition at rest.
-    pub(super) fn condition(&self, p: &[f64], x: &States<f64>, rest: f64, place: Place) -> f64 {
-        let scope = Scope {
-            variables: seen(1.0, 0.0, rest),
-            parameters: p,
-            states: x,
-        };
-        Self::argument(&self.conditions, &scope, place)
-    }
-
-    /// Takes the states over one step.
-    pub(super) fn advance<S: Elementary>(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: f64) {
-        let mut before = zeros::<S>();
-        for (target, value) in before.iter_mut().zip(x.iter()) {
-            *target = *value;
+    /// Values of the conditions of timers and latches at rest.
+    pub(super) fn conditions_at_rest(&self, p: &[f64], x: &[f64], rest: f64) -> Vec<f64> {
+        let mut found = [0.0; STATES_MAX];
+        self.conditions
+            .evaluate(&scope(p, x, [1.0, 0.0], rest), &mut found);
+        let mut conditions = Vec::new();
+        let mut column = 0;
+        for (kind, _) in &self.switched {
+            if matches!(kind, Switched::Timer | Switched::Latch) {
+                conditions.push(found[column]);
+            }
+            column += 1 + usize::from(*kind == Switched::Latch);
         }
-        let mut after = self.integrate(p, &before, step, rest);
-        if self.condition_places().next().is_some() {
-            let found = self.conditions(p, [&before, &after], step, rest);
-            self.switch(&mut after, &found, step.duration_s);
-        }
-        for (target, value) in x.iter_mut().zip(after) {
-            *target = value;
-        }
+        conditions
     }
 
     /// Active and reactive power added, over P0.
@@ -278,29 +242,31 @@ impl Formulas {
             states: x,
         };
         let mut power = [S::constant(0.0); 2];
-        let places = self.power_places.into_iter();
-        self.power.evaluate(&scope, places, &mut power);
+        self.power.evaluate(&scope, &mut power);
         power
     }
 
     /// Fastest rate of the states at rest and in dips, 1/s.
     pub(super) fn rate_per_s(&self, p: &[f64]) -> f64 {
         let rates = RATE_VOLTAGES.map(|v| self.rate_at(p, v));
-        rates.into_iter().fold(0.0, f64::max)
+        // A maximum that keeps what is not a number.
+        let larger = |x: f64, y: f64| if y > x || y.is_nan() { y } else { x };
+        rates.into_iter().fold(0.0, larger)
     }
 
     /// Largest row sum of the absolute derivatives of the slopes by the states at a voltage, 1/s.
     fn rate_at(&self, p: &[f64], voltage: f64) -> f64 {
         let constants: Vec<Sensitivity> = p.iter().map(|p| Sensitivity::constant(*p)).collect();
-        let mut x = zeros::<Sensitivity>();
+        let mut x = [Sensitivity::constant(0.0); STATES_MAX];
         self.at_rest(&constants, 0.0, &mut x);
         for (lane, x) in x.iter_mut().enumerate() {
             *x = Sensitivity::variable(x.value, lane);
         }
         let at = [voltage, 0.0].map(Sensitivity::constant);
-        let slopes = self.slopes(&constants, &x, at, 0.0);
+        let slopes = self.slopes::<Sensitivity, STATES_MAX>(&constants, &x, at, 0.0);
         let row = |s: &Sensitivity| s.derivatives.iter().map(|d| d.abs()).sum::<f64>();
-        slopes.iter().map(row).fold(0.0, f64::max)
+        let larger = |x: f64, y: f64| if y > x || y.is_nan() { y } else { x };
+        slopes.iter().map(row).fold(0.0, larger)
     }
 }
 

@@ -5,11 +5,11 @@ use toml::de::DeTable;
 
 use super::{
     check,
-    compile::{Compiler, Target, narrow},
+    compile::{Compiler, Kept, Target, narrow},
     declared::{self, OwnedParameter, OwnedState},
     document::{FILE_BYTES_MAX, Faults, Table, Text},
-    effect::{Formulas, UserEffect},
-    problem::Problem,
+    effect::{Formulas, Switched, UserEffect},
+    problem::{Fault, Problem},
     program::{Operation, Place},
     unit::Unit,
 };
@@ -171,28 +171,25 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
     if !faults.0.is_empty() {
         return None;
     }
-    unused(&parameters, &states, &compiler, faults);
+    unused_parameters(&parameters, &compiler, faults);
+    let names = states.iter().map(|s| s.name.clone()).collect();
     let mut all: Vec<(String, String)> =
         states.into_iter().map(|s| (s.name.value, s.unit)).collect();
     let of_functions = compiler.kept_units().iter().enumerate();
     all.extend(
         of_functions.map(|(k, unit)| (format!("function_state_{}", k + 1), unit.to_string())),
     );
-    let kept = compiler.kept.clone();
-    let states = compiler.states();
-    let [initial, rates, conditions, power] = compiler.into_programs();
-    let formulas = Formulas {
-        states,
-        initial,
-        initial_places,
-        rates,
-        rate_places,
-        conditions,
-        power,
-        power_places,
-        kept,
-    };
-    check::physics(&formulas, &parameters, power_at(text), faults);
+    let declared: Vec<Text> = names;
+    unused_states(
+        &declared,
+        compiler.used_states(power_places, &rate_places),
+        faults,
+    );
+    let formulas = formulas(compiler, [&initial_places, &rate_places], power_places);
+    let formulas = formulas
+        .map_err(|f| faults.add(0, f.message, f.cure))
+        .ok()?;
+    check::physics(&formulas, &parameters, &all, power_at(text), faults);
     let header = header?;
     Some(EffectFile {
         name: header.name,
@@ -383,22 +380,62 @@ fn power(root: &mut Table<'_>, faults: &mut Faults) -> Option<[Option<Text>; 4]>
     found.iter().any(Option::is_some).then_some(found)
 }
 
-fn unused(
-    parameters: &[OwnedParameter],
-    states: &[OwnedState],
-    compiler: &Compiler,
-    faults: &mut Faults,
-) {
+/// Programs ready for evaluation.
+fn formulas(
+    mut compiler: Compiler,
+    [initial, rates]: [&[Place]; 2],
+    power: [Place; 2],
+) -> Result<Formulas, Fault> {
+    let mut moving: Vec<usize> = (0..rates.len()).collect();
+    let mut rates = rates.to_vec();
+    let (mut rest, mut switched, mut conditions) = (Vec::new(), Vec::new(), Vec::new());
+    for (kept, state) in compiler.kept.clone() {
+        let starts = match kept {
+            Kept::Lag { input, time } => {
+                moving.push(state);
+                rates.push(compiler.lag_rate([input, time], state)?);
+                Some(input)
+            }
+            Kept::Minimum { input } | Kept::Maximum { input } => Some(input),
+            Kept::Timer { .. } | Kept::Latch { .. } => None,
+        };
+        rest.extend(starts.map(|place| (state, compiler.flat(kept.target(), &[place]))));
+        let kind = match kept {
+            Kept::Lag { .. } => continue,
+            Kept::Timer { .. } => Switched::Timer,
+            Kept::Latch { .. } => Switched::Latch,
+            Kept::Minimum { .. } => Switched::Minimum,
+            Kept::Maximum { .. } => Switched::Maximum,
+        };
+        switched.push((kind, state));
+        conditions.extend(kept.arguments());
+    }
+    Ok(Formulas {
+        states: compiler.states(),
+        initial: compiler.flat(Target::Initial, initial),
+        rest,
+        rates: compiler.flat(Target::Rates, &rates),
+        moving,
+        conditions: compiler.flat(Target::Conditions, &conditions),
+        switched,
+        power: compiler.flat(Target::Power, &power),
+    })
+}
+
+fn unused_parameters(parameters: &[OwnedParameter], compiler: &Compiler, faults: &mut Faults) {
     for (k, p) in parameters.iter().enumerate() {
         if !compiler.reads(Operation::Parameter(narrow(k))) {
             let message = format!("no expression uses the parameter `{}`", p.symbol);
             faults.add(p.at, message, "use it or remove it");
         }
     }
-    for (k, s) in states.iter().enumerate() {
-        if !compiler.reads(Operation::State(narrow(k))) {
-            let message = format!("no expression uses the state `{}`", s.name.value);
-            faults.add(s.name.at, message, "use it or remove it");
+}
+
+fn unused_states(states: &[Text], used: u32, faults: &mut Faults) {
+    for (k, name) in states.iter().enumerate() {
+        if used >> k & 1 == 0 {
+            let message = format!("no power depends on the state `{}`", name.value);
+            faults.add(name.at, message, "use it or remove it");
         }
     }
 }

@@ -14,6 +14,7 @@ mod effect;
 mod file;
 mod functions;
 mod lexer;
+mod parser;
 mod problem;
 mod program;
 mod unit;

@@ -135,44 +135,149 @@ impl Program {
         value.map_or(operation, Operation::Constant)
     }
 
-    /// Evaluates, and writes what is at the wanted places. A place outside the program is 0.
-    pub(super) fn evaluate<S: Elementary>(
-        &self,
-        scope: &Scope<'_, S>,
-        wanted: impl Iterator<Item = Place>,
-        into: &mut [S],
-    ) {
+    /// The states that the values at these places are made of, one bit each.
+    pub(super) fn states_behind(&self, places: &[Place]) -> u32 {
+        let needed = self.needed(places);
+        let states = self.operations.iter().zip(needed).map(|(o, n)| match o {
+            Operation::State(i) if n => 1_u32 << i,
+            _ => 0,
+        });
+        states.fold(0, |all, state| all | state)
+    }
+
+    /// Which operations the values at these places need.
+    fn needed(&self, places: &[Place]) -> Vec<bool> {
+        let mut needed = vec![false; self.operations.len()];
+        for place in places {
+            if let Some(mark) = needed.get_mut(usize::from(*place)) {
+                *mark = true;
+            }
+        }
+        for k in (0..self.operations.len()).rev() {
+            if !needed[k] {
+                continue;
+            }
+            // Arguments come before what is made of them.
+            match self.operations[k] {
+                Operation::Unary(_, x) | Operation::WholePower(x, _) => {
+                    needed[usize::from(x)] = true
+                }
+                Operation::Binary(_, x, y) => {
+                    needed[usize::from(x)] = true;
+                    needed[usize::from(y)] = true;
+                }
+                _ => {}
+            }
+        }
+        needed
+    }
+
+    /// What the values at these places need, ready for evaluation.
+    pub(super) fn flat(&self, wanted: &[Place]) -> Flat {
+        let needed = self.needed(wanted);
+        let mut flat = Flat::default();
+        let mut sources: Vec<Source> = Vec::new();
+        for (operation, needed) in self.operations.iter().zip(needed) {
+            let source = |place: Place| sources[usize::from(place)];
+            let constant = |place: Place| self.constant(place);
+            let step = match *operation {
+                _ if !needed => None,
+                Operation::Variable(_) | Operation::Parameter(_) | Operation::State(_) => None,
+                Operation::Constant(value) => Some(Step::Constant(value)),
+                Operation::Unary(f, x) => Some(Step::Unary(f, source(x))),
+                Operation::WholePower(x, n) => Some(Step::WholePower(source(x), n)),
+                Operation::Binary(f, x, y) => Some(match (f, constant(x), constant(y)) {
+                    (Binary::Add, None, Some(c)) => Step::Add(source(x), c),
+                    (Binary::Add, Some(c), None) => Step::Add(source(y), c),
+                    (Binary::Subtract, None, Some(c)) => Step::Add(source(x), -c),
+                    (Binary::Multiply, None, Some(c)) => Step::Scale(source(x), c),
+                    (Binary::Multiply, Some(c), None) => Step::Scale(source(y), c),
+                    _ => Step::Binary(f, source(x), source(y)),
+                }),
+            };
+            sources.push(match *operation {
+                Operation::Variable(variable) => Source::Variable(variable),
+                Operation::Parameter(i) => Source::Parameter(i),
+                Operation::State(i) => Source::State(i),
+                _ => Source::Step(Place::try_from(flat.steps.len()).unwrap_or(Place::MAX)),
+            });
+            flat.steps.extend(step);
+        }
+        flat.outputs = wanted
+            .iter()
+            .map(|place| sources[usize::from(*place)])
+            .collect();
+        flat
+    }
+}
+
+/// Where an operand is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Source {
+    Variable(Variable),
+    Parameter(u8),
+    State(u8),
+    Step(Place),
+}
+
+/// One operation on operands where they are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Step {
+    Constant(f64),
+    Add(Source, f64),
+    Scale(Source, f64),
+    Unary(Unary, Source),
+    Binary(Binary, Source, Source),
+    WholePower(Source, i8),
+}
+
+/// What evaluation runs through: no loads, no operation that nobody needs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Flat {
+    steps: Vec<Step>,
+    outputs: Vec<Source>,
+}
+
+impl Flat {
+    /// Evaluates, and writes the outputs in their order.
+    pub(super) fn evaluate<S: Elementary>(&self, scope: &Scope<'_, S>, into: &mut [S]) {
         // The smallest of a few sizes: filling the array is part of the cost.
-        match self.operations.len() {
-            0..=8 => self.evaluate_in::<S, 8>(scope, wanted, into),
-            9..=24 => self.evaluate_in::<S, 24>(scope, wanted, into),
-            25..=96 => self.evaluate_in::<S, 96>(scope, wanted, into),
-            _ => self.evaluate_in::<S, OPERATIONS_MAX>(scope, wanted, into),
+        match self.steps.len() {
+            0..=4 => self.evaluate_in::<S, 4>(scope, into),
+            5..=8 => self.evaluate_in::<S, 8>(scope, into),
+            9..=16 => self.evaluate_in::<S, 16>(scope, into),
+            17..=64 => self.evaluate_in::<S, 64>(scope, into),
+            _ => self.evaluate_in::<S, OPERATIONS_MAX>(scope, into),
         }
     }
 
-    fn evaluate_in<S: Elementary, const N: usize>(
-        &self,
-        scope: &Scope<'_, S>,
-        wanted: impl Iterator<Item = Place>,
-        into: &mut [S],
-    ) {
+    fn evaluate_in<S: Elementary, const N: usize>(&self, scope: &Scope<'_, S>, into: &mut [S]) {
         let mut values = [S::constant(0.0); N];
-        for (k, operation) in self.operations.iter().take(N).enumerate() {
-            let at = |place: Place| values[usize::from(place) % N];
-            let value = match *operation {
-                Operation::Constant(value) => S::constant(value),
-                Operation::Variable(variable) => scope.variables[variable as usize],
-                Operation::Parameter(i) => scope.parameters[usize::from(i)],
-                Operation::State(i) => scope.states[usize::from(i)],
-                Operation::Unary(f, x) => unary(f, at(x)),
-                Operation::Binary(f, x, y) => binary(f, at(x), at(y)),
-                Operation::WholePower(x, n) => whole_power(at(x), n),
+        for (k, step) in self.steps.iter().take(N).enumerate() {
+            let at = |source: Source| scope.at(source, &values);
+            let value = match *step {
+                Step::Constant(value) => S::constant(value),
+                Step::Add(x, c) => *at(x) + c,
+                Step::Scale(x, c) => *at(x) * c,
+                Step::Unary(f, x) => unary(f, *at(x)),
+                Step::Binary(f, x, y) => binary(f, *at(x), *at(y)),
+                Step::WholePower(x, n) => whole_power(*at(x), n),
             };
             values[k] = value;
         }
-        for (place, target) in wanted.zip(into) {
-            *target = values.get(usize::from(place)).copied().unwrap_or(*target);
+        for (source, target) in self.outputs.iter().zip(into) {
+            *target = *scope.at(*source, &values);
+        }
+    }
+}
+
+impl<S> Scope<'_, S> {
+    fn at<'v>(&'v self, source: Source, values: &'v [S]) -> &'v S {
+        match source {
+            Source::Variable(variable) => &self.variables[variable as usize],
+            Source::Parameter(i) => &self.parameters[usize::from(i)],
+            Source::State(i) => &self.states[usize::from(i)],
+            Source::Step(place) => &values[usize::from(place)],
         }
     }
 }
@@ -226,8 +331,9 @@ fn is_zero<S: Elementary>(x: S) -> bool {
 }
 
 fn whole_power<S: Elementary>(x: S, exponent: i8) -> S {
-    let mut product = S::constant(1.0);
-    for _ in 0..exponent.unsigned_abs() {
+    let factors = exponent.unsigned_abs();
+    let mut product = if factors == 0 { S::constant(1.0) } else { x };
+    for _ in 1..factors {
         product = product * x;
     }
     if exponent < 0 {
@@ -281,7 +387,7 @@ mod tests {
             parameters: &[x, y],
             states: &[],
         };
-        program.evaluate(&scope, places.into_iter(), &mut out);
+        program.flat(&places).evaluate(&scope, &mut out);
         out
     }
 

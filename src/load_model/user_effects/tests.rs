@@ -56,81 +56,83 @@ fn expressions_are_told_where_and_how() {
         (
             "k*(v - z)",
             "k*(V - z)",
-            "30:14: unknown variable `V`; did you mean `v`?",
+            "29:14: unknown variable `V`; did you mean `v`?",
         ),
         (
             "k*(v - z)",
             "gain*(v - z)",
-            "30:11: unknown variable `gain`; its symbol is `k`",
+            "29:11: unknown variable `gain`; its symbol is `k`",
         ),
         (
             "k*(v - z)",
             "k*(v - z",
-            "30:19: unexpected end of the expression; the bracket at",
+            "29:19: unexpected end of the expression; the bracket at",
         ),
         (
             "k*(v - z)",
             "k*(v - T)",
-            "30:16: units differ: 1 and s; powers",
+            "29:16: units differ: 1 and s; powers",
         ),
         (
             "k*(v - z)",
             "k*lags(v, T)",
-            "30:13: unknown function `lags`; did you mean `lag`?",
+            "29:13: unknown function `lags`; did you mean `lag`?",
         ),
         (
             "k*(v - z)",
             "k*lag(v)",
-            "30:13: `lag` takes 2 arguments, 1 given; write lag(x, time",
+            "29:13: `lag` takes 2 arguments, 1 given; write lag(x, time",
         ),
         (
             "k*(v - z)",
             "k*(v - lag(v, z))",
-            "30:18: the second argument has the unit 1, not s",
+            "29:18: the second argument has the unit 1, not s",
         ),
         (
             "k*(v - z)",
             "k*exp(T)",
-            "30:17: the argument has the unit s",
+            "29:17: the argument has the unit s",
         ),
         (
             "k*(v - z)",
             "k*(v - z)*T",
-            "30:11: the expression has the unit s, and 1 is needed",
+            "29:11: the expression has the unit s, and 1 is needed",
         ),
         (
             "k*(v - z)",
             "k v",
-            "30:13: unexpected name `v`; an operator",
+            "29:13: unexpected name `v`; an operator",
         ),
-        ("k*(v - z)", "k*(v - z)/0", "30:20: this constant"),
+        (
+            "k*(v - z)",
+            "k*(v - z)*(1/0)",
+            "29:23: this constant is not finite",
+        ),
         (
             "(v - z)/T",
             "(v - z)/T + p_m/1s",
-            "28:27: `p_m` is not known to states",
+            "27:27: `p_m` is not known to states",
         ),
         (
             "(v - z)/T",
             "v - z",
-            "28:15: the expression has the unit 1, and 1/s is needed",
+            "27:15: the expression has the unit 1, and 1/s is needed",
         ),
         (
             "initial = \"1\"",
             "initial = \"z\"",
-            "27:12: the initial value refers to the state",
+            "26:12: the initial value refers to the state",
         ),
         (
             "initial = \"1\"",
             "initial = \"lag(v, T)\"",
-            "27:12: `lag` keeps a state",
+            "26:12: `lag` keeps a state",
         ),
     ];
     for (from, to, expected) in cases {
         let found = with(from, to);
         let message = found.first().map_or("", String::as_str);
-        let constant = to.ends_with("/0");
-        assert!(message.starts_with(expected) || constant, "{to}: {found:?}");
-        assert!(!found.is_empty(), "{to}");
+        assert!(message.starts_with(expected), "{to}: {found:?}");
     }
 }
 
@@ -157,7 +159,7 @@ fn declarations_are_told_where_and_how() {
             "role = \"shpae\"",
             "unknown role `shpae`",
         ),
-        ("two_sided", "one_sided", "`meaningful`"),
+        ("two_sided", "one_sided", "with neutral amplitudes"),
         ("unit = \"s\"", "unit = \"ms\"", "unknown unit `ms`"),
         (
             "symbol = \"T\"",
@@ -215,7 +217,7 @@ fn declarations_are_told_where_and_how() {
     for (from, to, expected) in cases {
         let found = with(from, to);
         let told = found.iter().any(|p| p.contains(expected));
-        assert!(told || to == "one_sided", "{to}: {found:?}");
+        assert!(told, "{to}: {found:?}");
     }
 }
 
@@ -236,7 +238,7 @@ fn physics_is_checked_when_the_rest_is_sound() {
         (
             "initial = \"1\"",
             "initial = \"0.5\"",
-            "at rest state 1 changes by",
+            "at rest state `z` changes by",
         ),
         ("k*(v - z)", "k*(v - z)/(v - 1.08)", "the active power is"),
         ("lower = 0.1", "lower = 1e-9", "a state moves at 1.000e9 /s"),
