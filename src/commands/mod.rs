@@ -8,6 +8,7 @@ pub mod check_config;
 pub mod compare;
 mod connection;
 pub mod demo;
+pub mod effects;
 mod error;
 mod fitting;
 pub mod generate;
@@ -19,6 +20,7 @@ pub mod subscribe;
 
 use std::{
     io::{self, Write},
+    path::PathBuf,
     process::ExitCode,
     time::Duration,
 };
@@ -35,6 +37,10 @@ pub use error::Error;
 #[derive(Debug, Parser)]
 #[command(name = "loadmodeld", version, about, long_about = None, after_help = AFTER_HELP)]
 struct CommandLine {
+    /// Effect written in a TOML file, beside those of the catalogue; may be given several times,
+    /// before the command
+    #[arg(long = "effect-file", value_name = "FILE")]
+    effect_files: Vec<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -66,6 +72,8 @@ enum Command {
     Identify(identify::IdentifyArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
+    /// List effects, show one, check effect files
+    Effects(effects::EffectsArgs),
     /// Make synthetic sites whose truth is known
     Generate(generate::GenerateArgs),
     /// Print a completion script for a shell
@@ -90,6 +98,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
+        Command::Effects(args) => effects::run(&args, out),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),
         Command::Man => manual(out),
@@ -114,7 +123,8 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let outcome = dispatch(command_line.command, &mut io::stdout().lock());
+    let outcome = effects::register(&command_line.effect_files)
+        .and_then(|()| dispatch(command_line.command, &mut io::stdout().lock()));
     let Err(error) = outcome else {
         return ExitCode::SUCCESS;
     };

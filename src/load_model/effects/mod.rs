@@ -111,16 +111,31 @@ pub enum RegisterError {
 ///
 /// [`RegisterError`]; nothing is added then.
 pub fn register(mut files: Vec<EffectFile>) -> Result<(), RegisterError> {
+    files.sort_by(|x, y| x.name().cmp(y.name()));
+    can_be_together(&files)?;
+    if ALL.get().is_some() {
+        return Err(RegisterError::InUse);
+    }
+    let added = files.into_iter().map(EffectFile::into_effect);
+    let all = CATALOGUE.iter().copied().chain(added).collect();
+    ALL.set(all).map_err(|_| RegisterError::InUse)
+}
+
+/// Whether effects from files can be registered together; registers nothing.
+///
+/// # Errors
+///
+/// [`RegisterError`], all but [`RegisterError::InUse`].
+pub fn can_be_together(files: &[EffectFile]) -> Result<(), RegisterError> {
     if files.len() > REGISTERED_MAX {
         return Err(RegisterError::TooMany { count: files.len() });
     }
-    files.sort_by(|x, y| x.name().cmp(y.name()));
     for (k, file) in files.iter().enumerate() {
         let name = file.name().to_owned();
         if is_built_in(&name) || BASE_PARTS.contains(&name.as_str()) {
             return Err(RegisterError::Known { name });
         }
-        if k > 0 && files[k - 1].name() == name {
+        if files[..k].iter().any(|f| f.name() == name) {
             return Err(RegisterError::Twice { name });
         }
         let known = |other: &&str| {
@@ -131,12 +146,7 @@ pub fn register(mut files: Vec<EffectFile>) -> Result<(), RegisterError> {
             return Err(RegisterError::UnknownOther { name, other });
         }
     }
-    if ALL.get().is_some() {
-        return Err(RegisterError::InUse);
-    }
-    let added = files.into_iter().map(EffectFile::into_effect);
-    let all = CATALOGUE.iter().copied().chain(added).collect();
-    ALL.set(all).map_err(|_| RegisterError::InUse)
+    Ok(())
 }
 
 /// Parts of every structure, whose names no effect may take.

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue};
 use super::problem::{Fault, suggestion};
 
 /// Largest file, bytes.
-pub(super) const FILE_BYTES_MAX: usize = 64 * 1024;
+pub const FILE_BYTES_MAX: usize = 64 * 1024;
 /// Faults that are told at most.
 pub(super) const FAULTS_MAX: usize = 50;
 
@@ -37,7 +37,7 @@ pub(super) type Text = At<String>;
 /// A table of the file.
 pub(super) struct Table<'a> {
     text: &'a str,
-    table: &'a DeTable<'a>,
+    entries: &'a DeTable<'a>,
     /// Where the table is, and how messages call it.
     pub(super) at: usize,
     pub(super) title: String,
@@ -48,7 +48,7 @@ impl<'a> Table<'a> {
     pub(super) fn new(text: &'a str, table: &'a DeTable<'a>, at: usize, title: String) -> Self {
         Self {
             text,
-            table,
+            entries: table,
             at,
             title,
             known: Vec::new(),
@@ -57,7 +57,7 @@ impl<'a> Table<'a> {
 
     fn get(&mut self, key: &'static str) -> Option<(&'a DeValue<'a>, Range<usize>)> {
         self.known.push(key);
-        let found = self.table.iter().find(|(k, _)| k.get_ref() == key)?;
+        let found = self.entries.iter().find(|(k, _)| k.get_ref() == key)?;
         Some((found.1.get_ref(), found.1.span()))
     }
 
@@ -98,7 +98,7 @@ impl<'a> Table<'a> {
     }
 
     pub(super) fn has(&self, key: &str) -> bool {
-        self.table.iter().any(|(k, _)| k.get_ref() == key)
+        self.entries.iter().any(|(k, _)| k.get_ref() == key)
     }
 
     fn missing(&mut self, key: &'static str, meaning: &str, faults: &mut Faults) {
@@ -233,7 +233,7 @@ impl<'a> Table<'a> {
 
     /// Names every key that was not asked for.
     pub(super) fn finish(self, faults: &mut Faults) {
-        for (key, _) in self.table {
+        for (key, _) in self.entries {
             let name: &str = key.get_ref();
             if !self.known.contains(&name) {
                 let message = format!("unknown key `{name:.60}` in {}", self.title);

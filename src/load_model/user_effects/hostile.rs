@@ -33,12 +33,12 @@ fn deep_nesting_ends_in_an_error() {
         "[".repeat(5_000),
         "]".repeat(5_000)
     ));
-    refused(&format!("{SOUND}\n[{}]", ["a"; 5_000].join(".")));
+    refused(&format!("{SOUND}\n[{}]", vec!["a"; 5_000].join(".")));
 }
 
 #[test]
 fn sizes_are_bounded() {
-    let long = with_power(&["v"; 3_000].join("+"));
+    let long = with_power(&vec!["v"; 3_000].join("+"));
     assert!(refused(&long)[0].message.contains("bytes"));
     let sum: Vec<String> = (0..300).map(|k| format!("v*{k}")).collect();
     assert!(
@@ -239,7 +239,7 @@ fn mutated_expressions_are_compiled_or_refused_and_never_panic() {
     ];
     let mut sequence = Sequence(11);
     for _ in 0..4_000 {
-        let tokens: Vec<&str> = (0..1 + sequence.next(12))
+        let tokens: Vec<&str> = (0..=sequence.next(12))
             .map(|_| TOKENS[sequence.next(TOKENS.len())])
             .collect();
         let open = tokens.iter().filter(|t| t.ends_with('(')).count();

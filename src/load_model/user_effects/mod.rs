@@ -24,5 +24,6 @@ mod hostile;
 #[cfg(test)]
 mod tests;
 
+pub use document::FILE_BYTES_MAX;
 pub use file::EffectFile;
 pub use problem::Problem;

@@ -223,7 +223,7 @@ impl Reader<'_> {
 
     /// `x^y`: a repeated product for a small whole constant, otherwise `exp(y ln x)`.
     fn power(&mut self, [x, y]: [Value; 2], at: usize) -> Result<Value, Fault> {
-        self.pure(y, "an exponent", at)?;
+        pure(y, "an exponent", at)?;
         let constant = self.compiler.constant(self.target, y.place);
         if let Some(whole) = constant.and_then(whole) {
             let unit = x.unit.to_the(i32::from(whole));
@@ -233,17 +233,9 @@ impl Reader<'_> {
             })?;
             return self.emit(Operation::WholePower(x.place, whole), unit, at);
         }
-        self.pure(x, "the base of a power that is not a whole number", at)?;
+        pure(x, "the base of a power that is not a whole number", at)?;
         let operation = Operation::Binary(Binary::Power, x.place, y.place);
         self.emit(operation, Unit::ONE, at)
-    }
-
-    fn pure(&self, value: Value, what: &str, at: usize) -> Result<(), Fault> {
-        if value.unit == Unit::ONE {
-            return Ok(());
-        }
-        let message = format!("{what} has the unit {}", value.unit);
-        Err(Fault::new(at, message, "divide by a time, `x/T` or `x/1s`"))
     }
 
     /// Arguments up to the closing bracket, each in the program where the function works.
@@ -309,7 +301,7 @@ impl Reader<'_> {
                         Fault::new(given[0].1, message, "divide by a time before")
                     })?,
                     _ => {
-                        self.pure(x, "the argument", given[0].1)?;
+                        pure(x, "the argument", given[0].1)?;
                         Unit::ONE
                     }
                 };
@@ -342,7 +334,7 @@ impl Reader<'_> {
     }
 
     fn below(&mut self, [x, y]: [Value; 2], at: usize) -> Result<Value, Fault> {
-        self.pure(x, "the argument", at)?;
+        pure(x, "the argument", at)?;
         self.alike(Binary::Below, [x, y], at)
     }
 
@@ -367,11 +359,11 @@ impl Reader<'_> {
                 (Kept::Lag { input, time }, x.unit)
             }
             (Function::Timer, &[x]) => {
-                self.pure(x, "a condition", at)?;
+                pure(x, "a condition", at)?;
                 (Kept::Timer { condition: x.place }, Unit::SECOND)
             }
             (Function::Latch, &[x, delay]) => {
-                self.pure(x, "a condition", at)?;
+                pure(x, "a condition", at)?;
                 seconds(delay)?;
                 let (condition, delay) = (x.place, delay.place);
                 (Kept::Latch { condition, delay }, Unit::ONE)
@@ -385,6 +377,15 @@ impl Reader<'_> {
         let operation = Operation::State(narrow(state));
         self.compiler.emit(outside, operation, unit, at)
     }
+}
+
+/// Refuses a value with a unit.
+fn pure(value: Value, what: &str, at: usize) -> Result<(), Fault> {
+    if value.unit == Unit::ONE {
+        return Ok(());
+    }
+    let message = format!("{what} has the unit {}", value.unit);
+    Err(Fault::new(at, message, "divide by a time, `x/T` or `x/1s`"))
 }
 
 /// A constant that is a small whole number.

@@ -160,7 +160,7 @@ impl Program {
             // Arguments come before what is made of them.
             match self.operations[k] {
                 Operation::Unary(_, x) | Operation::WholePower(x, _) => {
-                    needed[usize::from(x)] = true
+                    needed[usize::from(x)] = true;
                 }
                 Operation::Binary(_, x, y) => {
                     needed[usize::from(x)] = true;

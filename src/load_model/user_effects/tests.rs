@@ -50,171 +50,175 @@ fn the_sound_file_is_sound() {
     assert_eq!(problems(SOUND), vec![]);
 }
 
+/// What is replaced, by what, and what is told.
+const EXPRESSIONS: &[(&str, &str, &str)] = &[
+    (
+        "k*(v - z)",
+        "k*(V - z)",
+        "29:14: unknown variable `V`; did you mean `v`?",
+    ),
+    (
+        "k*(v - z)",
+        "gain*(v - z)",
+        "29:11: unknown variable `gain`; its symbol is `k`",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - z",
+        "29:19: unexpected end of the expression; the bracket at",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - T)",
+        "29:16: units differ: 1 and s; powers",
+    ),
+    (
+        "k*(v - z)",
+        "k*lags(v, T)",
+        "29:13: unknown function `lags`; did you mean `lag`?",
+    ),
+    (
+        "k*(v - z)",
+        "k*lag(v)",
+        "29:13: `lag` takes 2 arguments, 1 given; write lag(x, time",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - lag(v, z))",
+        "29:18: the second argument has the unit 1, not s",
+    ),
+    (
+        "k*(v - z)",
+        "k*exp(T)",
+        "29:17: the argument has the unit s",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - z)*T",
+        "29:11: the expression has the unit s, and 1 is needed",
+    ),
+    (
+        "k*(v - z)",
+        "k v",
+        "29:13: unexpected name `v`; an operator",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - z)*(1/0)",
+        "29:23: this constant is not finite",
+    ),
+    (
+        "(v - z)/T",
+        "(v - z)/T + p_m/1s",
+        "27:27: `p_m` is not known to states",
+    ),
+    (
+        "(v - z)/T",
+        "v - z",
+        "27:15: the expression has the unit 1, and 1/s is needed",
+    ),
+    (
+        "initial = \"1\"",
+        "initial = \"z\"",
+        "26:12: the initial value refers to the state",
+    ),
+    (
+        "initial = \"1\"",
+        "initial = \"lag(v, T)\"",
+        "26:12: `lag` keeps a state",
+    ),
+];
+
 #[test]
 fn expressions_are_told_where_and_how() {
-    let cases = [
-        (
-            "k*(v - z)",
-            "k*(V - z)",
-            "29:14: unknown variable `V`; did you mean `v`?",
-        ),
-        (
-            "k*(v - z)",
-            "gain*(v - z)",
-            "29:11: unknown variable `gain`; its symbol is `k`",
-        ),
-        (
-            "k*(v - z)",
-            "k*(v - z",
-            "29:19: unexpected end of the expression; the bracket at",
-        ),
-        (
-            "k*(v - z)",
-            "k*(v - T)",
-            "29:16: units differ: 1 and s; powers",
-        ),
-        (
-            "k*(v - z)",
-            "k*lags(v, T)",
-            "29:13: unknown function `lags`; did you mean `lag`?",
-        ),
-        (
-            "k*(v - z)",
-            "k*lag(v)",
-            "29:13: `lag` takes 2 arguments, 1 given; write lag(x, time",
-        ),
-        (
-            "k*(v - z)",
-            "k*(v - lag(v, z))",
-            "29:18: the second argument has the unit 1, not s",
-        ),
-        (
-            "k*(v - z)",
-            "k*exp(T)",
-            "29:17: the argument has the unit s",
-        ),
-        (
-            "k*(v - z)",
-            "k*(v - z)*T",
-            "29:11: the expression has the unit s, and 1 is needed",
-        ),
-        (
-            "k*(v - z)",
-            "k v",
-            "29:13: unexpected name `v`; an operator",
-        ),
-        (
-            "k*(v - z)",
-            "k*(v - z)*(1/0)",
-            "29:23: this constant is not finite",
-        ),
-        (
-            "(v - z)/T",
-            "(v - z)/T + p_m/1s",
-            "27:27: `p_m` is not known to states",
-        ),
-        (
-            "(v - z)/T",
-            "v - z",
-            "27:15: the expression has the unit 1, and 1/s is needed",
-        ),
-        (
-            "initial = \"1\"",
-            "initial = \"z\"",
-            "26:12: the initial value refers to the state",
-        ),
-        (
-            "initial = \"1\"",
-            "initial = \"lag(v, T)\"",
-            "26:12: `lag` keeps a state",
-        ),
-    ];
-    for (from, to, expected) in cases {
+    for (from, to, expected) in EXPRESSIONS {
         let found = with(from, to);
         let message = found.first().map_or("", String::as_str);
         assert!(message.starts_with(expected), "{to}: {found:?}");
     }
 }
 
+/// What is replaced, by what, and what is told.
+const DECLARATIONS: &[(&str, &str, &str)] = &[
+    (
+        "lower = -2.0",
+        "lower = 3.0",
+        "`lower` 3 is not below `upper` 2",
+    ),
+    (
+        "typical = 0.8",
+        "typical = 8",
+        "`typical` 8 is outside the bounds",
+    ),
+    (
+        "meaningful = 0.1\n",
+        "",
+        "entry 1 of [[parameters]] has no `meaningful`",
+    ),
+    (
+        "role = \"two_sided\"",
+        "role = \"shpae\"",
+        "unknown role `shpae`",
+    ),
+    ("two_sided", "one_sided", "with neutral amplitudes"),
+    ("unit = \"s\"", "unit = \"ms\"", "unknown unit `ms`"),
+    (
+        "symbol = \"T\"",
+        "symbol = \"t\"",
+        "`t` is a variable or function already",
+    ),
+    (
+        "symbol = \"T\"",
+        "symbol = \"k\"",
+        "`k` stands for two things",
+    ),
+    (
+        "title = ",
+        "titel = ",
+        "unknown key `titel` in the file; did you mean `title`?",
+    ),
+    (
+        "name = \"recovery\"",
+        "name = \"My Effect\"",
+        "`My Effect` is no effect name",
+    ),
+    (
+        "lower = 0.1",
+        "lower = 0.0",
+        "a logarithmic prior on a range that reaches 0",
+    ),
+    (
+        "prior = { deviation = 1.5, scale = \"logarithmic\" }",
+        "",
+        "a shape needs a prior",
+    ),
+    (
+        "upper = 2.0",
+        "upper = inf",
+        "`upper` is not a finite number",
+    ),
+    ("[power]", "[powers]", "the file has no [power]"),
+    ("an invention for a test", "me", "`source` has 2 characters"),
+    (
+        "typical = 4.0",
+        "typical = 4.0\ngrid = [0.01]",
+        "grid point 0.01 is outside",
+    ),
+    (
+        "[power]",
+        "[power]\nreactive = 3",
+        "`reactive` is a integer",
+    ),
+    (
+        "name = \"recovery\"",
+        "name = \"recovery\"\nkind = \"instrument\"",
+        "kind `instrument`",
+    ),
+];
+
 #[test]
 fn declarations_are_told_where_and_how() {
-    let cases = [
-        (
-            "lower = -2.0",
-            "lower = 3.0",
-            "`lower` 3 is not below `upper` 2",
-        ),
-        (
-            "typical = 0.8",
-            "typical = 8",
-            "`typical` 8 is outside the bounds",
-        ),
-        (
-            "meaningful = 0.1\n",
-            "",
-            "entry 1 of [[parameters]] has no `meaningful`",
-        ),
-        (
-            "role = \"two_sided\"",
-            "role = \"shpae\"",
-            "unknown role `shpae`",
-        ),
-        ("two_sided", "one_sided", "with neutral amplitudes"),
-        ("unit = \"s\"", "unit = \"ms\"", "unknown unit `ms`"),
-        (
-            "symbol = \"T\"",
-            "symbol = \"t\"",
-            "`t` is a variable or function already",
-        ),
-        (
-            "symbol = \"T\"",
-            "symbol = \"k\"",
-            "`k` stands for two things",
-        ),
-        (
-            "title = ",
-            "titel = ",
-            "unknown key `titel` in the file; did you mean `title`?",
-        ),
-        (
-            "name = \"recovery\"",
-            "name = \"My Effect\"",
-            "`My Effect` is no effect name",
-        ),
-        (
-            "lower = 0.1",
-            "lower = 0.0",
-            "a logarithmic prior on a range that reaches 0",
-        ),
-        (
-            "prior = { deviation = 1.5, scale = \"logarithmic\" }",
-            "",
-            "a shape needs a prior",
-        ),
-        (
-            "upper = 2.0",
-            "upper = inf",
-            "`upper` is not a finite number",
-        ),
-        ("[power]", "[powers]", "the file has no [power]"),
-        ("an invention for a test", "me", "`source` has 2 characters"),
-        (
-            "typical = 4.0",
-            "typical = 4.0\ngrid = [0.01]",
-            "grid point 0.01 is outside",
-        ),
-        (
-            "[power]",
-            "[power]\nreactive = 3",
-            "`reactive` is a integer",
-        ),
-        (
-            "name = \"recovery\"",
-            "name = \"recovery\"\nkind = \"instrument\"",
-            "kind `instrument`",
-        ),
-    ];
-    for (from, to, expected) in cases {
+    for (from, to, expected) in DECLARATIONS {
         let found = with(from, to);
         let told = found.iter().any(|p| p.contains(expected));
         assert!(told, "{to}: {found:?}");
