@@ -8,7 +8,7 @@
 use std::{path::Path, sync::Once};
 
 use loadmodeld::load_model::{
-    ComposedModel, Drive, Response, Structure, TerminalInput,
+    ComposedModel, Drive, Response, SimulationError, Structure, TerminalInput,
     composed::BASE_PARAMETERS,
     effects::{self, RegisterError},
     user_effects::EffectFile,
@@ -89,6 +89,25 @@ reactive = "A*(sqrt(clip(v, 0.2, 2)) - 1 + 0.2*smooth_step(1 - minimum_since_sta
 motor_factor = "1 - A*min(abs(df)*above(v, 0.5), 0.3) - 0.1*A*(maximum_since_start(v) - 1)"
 "#;
 
+/// Sound in the dip of the checks, not at a lower voltage.
+const FRAGILE: &str = r#"
+name = "fragile"
+title = "A logarithm that ends at a low voltage"
+source = "made for a test; no physics at all"
+[[parameters]]
+name = "gain"
+symbol = "A"
+unit = "1"
+role = "one_sided"
+meaningful = 0.02
+lower = 0.0
+typical = 0.2
+upper = 1.0
+[power]
+active = "A*(ln(v - 0.4) - ln(0.6))"
+reactive = "A*(ln((v - 0.4)/0.6))"
+"#;
+
 fn example(name: &str) -> EffectFile {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/effects");
     let text = std::fs::read_to_string(folder.join(name)).unwrap();
@@ -103,6 +122,7 @@ fn registered() {
             example("recovery_from_file.toml"),
             EffectFile::parse(FREQUENCY).unwrap(),
             EffectFile::parse(EVERYTHING).unwrap(),
+            EffectFile::parse(FRAGILE).unwrap(),
         ])
         .unwrap();
     });
@@ -147,6 +167,15 @@ fn model(effects: &[&str]) -> ComposedModel {
 }
 
 fn simulate(model: &ComposedModel, p: &[f64], wanted: &[usize], depth: f64) -> Response {
+    try_to_simulate(model, p, wanted, depth).unwrap()
+}
+
+fn try_to_simulate(
+    model: &ComposedModel,
+    p: &[f64],
+    wanted: &[usize],
+    depth: f64,
+) -> Result<Response, SimulationError> {
     let input = dip(depth);
     let count = input.output_count();
     let deviation: Vec<f64> = (0..count)
@@ -157,7 +186,7 @@ fn simulate(model: &ComposedModel, p: &[f64], wanted: &[usize], depth: f64) -> R
         frequency_deviation: &deviation,
         reactive_at_rest: 0.3,
     };
-    model.simulate(p, wanted, &drive).unwrap()
+    model.simulate(p, wanted, &drive)
 }
 
 fn largest_difference(x: &[f64], y: &[f64]) -> f64 {
@@ -275,11 +304,12 @@ fn files_come_behind_the_catalogue_by_name_and_only_once() {
         .collect();
     let expected = [
         "a_bit_of_everything",
+        "fragile",
         "frequency_from_file",
         "recovery_from_file",
         "self_disconnection_from_file",
     ];
-    assert_eq!(names[names.len() - 4..], expected);
+    assert_eq!(names[names.len() - 5..], expected);
     assert!(!effects::is_registered("second_motor"));
     let again = effects::register(vec![]);
     assert_eq!(again, Err(RegisterError::InUse));
@@ -316,5 +346,19 @@ fn user_effects_compose_with_all_others() {
             out.active_derivatives[0].iter().all(|d| d.is_finite()),
             "{effect}"
         );
+    }
+}
+
+#[test]
+fn what_is_not_a_number_ends_the_simulation_with_an_error() {
+    registered();
+    let model = model(&["fragile"]);
+    let p = model.typical();
+    assert!(try_to_simulate(&model, &p, &[], 0.5).is_ok());
+    // At neutral the value is that of the plain model; the derivative by the gain is not a number.
+    let wanted = [BASE_PARAMETERS];
+    for (p, wanted) in [(p, &[][..]), (model.neutral(), &wanted[..])] {
+        let outcome = try_to_simulate(&model, &p, wanted, 0.35);
+        assert!(matches!(outcome, Err(SimulationError::NotFinite { .. })));
     }
 }

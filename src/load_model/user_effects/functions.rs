@@ -98,6 +98,8 @@ impl Function {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use super::*;
 
     #[test]
@@ -106,6 +108,17 @@ mod tests {
             let function = find(name).unwrap();
             assert!(signature.starts_with(&format!("{name}(")));
             assert_eq!(signature.matches(',').count() + 1, function.arity());
+        }
+    }
+
+    #[test]
+    fn the_manual_has_every_function() {
+        // Relative to the project root, unless the module was given an absolute path.
+        let here = Path::new(env!("CARGO_MANIFEST_DIR")).join(file!());
+        let root = here.ancestors().nth(4).unwrap();
+        let manual = std::fs::read_to_string(root.join("docs/adding-an-effect.md")).unwrap();
+        for (_, signature) in NAMES {
+            assert!(manual.contains(&format!("`{signature}`")), "{signature}");
         }
     }
 }
