@@ -65,6 +65,15 @@ pub enum Error {
     /// A configuration has problems, which have been told.
     #[error("the configuration cannot be used")]
     UnusableConfiguration,
+    /// An effect file has problems.
+    #[error("the effect file cannot be used:\n{problems}")]
+    EffectFile {
+        /// One a line, with file, line and column.
+        problems: String,
+    },
+    /// Effect files have problems, which have been told.
+    #[error("the effect files cannot be used")]
+    UnusableEffectFile,
     /// The configuration has problems.
     #[error(transparent)]
     Configuration(#[from] Problems),

@@ -8,6 +8,7 @@ pub mod check_config;
 pub mod compare;
 mod connection;
 pub mod demo;
+pub mod effects;
 mod error;
 mod fitting;
 pub mod generate;
@@ -21,6 +22,7 @@ pub mod subscribe;
 
 use std::{
     io::{self, Write},
+    path::PathBuf,
     process::ExitCode,
     time::Duration,
 };
@@ -37,6 +39,10 @@ pub use error::Error;
 #[derive(Debug, Parser)]
 #[command(name = "loadmodeld", version, about, long_about = None, after_help = AFTER_HELP)]
 struct CommandLine {
+    /// Effect written in a TOML file, beside those of the catalogue; may be given several times,
+    /// before the command
+    #[arg(long = "effect-file", value_name = "FILE")]
+    effect_files: Vec<PathBuf>,
     #[command(subcommand)]
     command: Command,
 }
@@ -72,6 +78,8 @@ enum Command {
     Solutions(solutions::SolutionsArgs),
     /// Say what is in a COMTRADE file or site folder
     Inspect(inspect::InspectArgs),
+    /// List effects, show one, check effect files
+    Effects(effects::EffectsArgs),
     /// Make synthetic sites whose truth is known
     Generate(generate::GenerateArgs),
     /// Print a completion script for a shell
@@ -98,6 +106,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Profile(args) => profile::run(&args, out).map_err(Error::other),
         Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
+        Command::Effects(args) => effects::run(&args, out),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),
         Command::Man => manual(out),
@@ -122,7 +131,8 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let outcome = dispatch(command_line.command, &mut io::stdout().lock());
+    let outcome = effects::register(&command_line.effect_files)
+        .and_then(|()| dispatch(command_line.command, &mut io::stdout().lock()));
     let Err(error) = outcome else {
         return ExitCode::SUCCESS;
     };

@@ -13,6 +13,7 @@ pub mod effects;
 pub mod induction_motor;
 pub mod structure;
 pub mod terminal;
+pub mod user_effects;
 pub mod zip_im;
 
 pub use composed::{ComposedModel, Drive, Response, SimulationError};

@@ -77,8 +77,8 @@ pub enum SimulationError {
         /// Index of the output instant before it.
         output: usize,
     },
-    /// A power is not a number.
-    #[error("the power at output instant {output} is not finite")]
+    /// A power or its derivative is not a number.
+    #[error("the power or its derivative at output instant {output} is not finite")]
     NotFinite {
         /// Index of the output instant.
         output: usize,
@@ -230,6 +230,12 @@ impl ComposedModel {
             };
             let [active, reactive] = self.pass(drive, &grid, variable, parameters, lanes)?;
             for lane in 0..lanes.len() {
+                for series in [&active, &reactive] {
+                    let lost = series.iter().position(|y| !y.derivatives[lane].is_finite());
+                    if let Some(output) = lost {
+                        return Err(SimulationError::NotFinite { output });
+                    }
+                }
                 let column = |y: &[Sensitivity]| y.iter().map(|y| y.derivatives[lane]).collect();
                 response.active_derivatives.push(column(&active));
                 response.reactive_derivatives.push(column(&reactive));

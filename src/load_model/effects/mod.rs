@@ -1,7 +1,8 @@
 //! The catalogue of effects: one file each, in the order in which they are tried and listed.
 //!
 //! To add one: a file with header, declaration, equations and tests like the others, and a line in each
-//! of the two lists below; `composed::contract` then tests it.
+//! of the two lists below; `composed::contract` then tests it. Effects that a user wrote in a file
+//! come behind those of the catalogue, see [`register`].
 
 mod contactor_dropout;
 mod discharge_lighting;
@@ -28,10 +29,12 @@ mod tap_changer;
 mod time_skew;
 
 mod lag;
-mod relay;
+pub(super) mod relay;
 mod series;
 
-use super::effect::Effect;
+use std::sync::OnceLock;
+
+use super::{effect::Effect, user_effects::EffectFile};
 
 /// Every effect: the instruments first, then the physics.
 const CATALOGUE: &[&dyn Effect] = &[
@@ -60,17 +63,116 @@ const CATALOGUE: &[&dyn Effect] = &[
     &load_ramp::LoadRamp,
 ];
 
-/// Every effect of the catalogue.
+/// All effects there are, once somebody has asked or registered.
+static ALL: OnceLock<Vec<&'static dyn Effect>> = OnceLock::new();
+
+/// Most effects from files: each stays in memory until the program ends.
+pub const REGISTERED_MAX: usize = 32;
+
+/// Why effects from files are refused.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RegisterError {
+    /// The name is taken.
+    #[error("there is an effect or part `{name}` already; choose another name")]
+    Known {
+        /// The name.
+        name: String,
+    },
+    /// Two files of one name.
+    #[error("two effect files have the name `{name}`")]
+    Twice {
+        /// The name.
+        name: String,
+    },
+    /// A reference to an effect that is not there.
+    #[error("`{name}` resembles or excludes `{other}`, which does not exist")]
+    UnknownOther {
+        /// The name.
+        name: String,
+        /// The other.
+        other: String,
+    },
+    /// Too many.
+    #[error("{count} effect files; at most {REGISTERED_MAX}")]
+    TooMany {
+        /// How many.
+        count: usize,
+    },
+    /// Effects have been looked up, or registered, before.
+    #[error("effect files must be registered once, before the first use of any effect")]
+    InUse,
+}
+
+/// Adds effects from files, sorted by name behind the catalogue, for the rest of the program. To be
+/// called at most once and before anything looks an effect up, so that nobody sees two catalogues.
+///
+/// # Errors
+///
+/// [`RegisterError`]; nothing is added then.
+pub fn register(mut files: Vec<EffectFile>) -> Result<(), RegisterError> {
+    files.sort_by(|x, y| x.name().cmp(y.name()));
+    can_be_together(&files)?;
+    if ALL.get().is_some() {
+        return Err(RegisterError::InUse);
+    }
+    let added = files.into_iter().map(EffectFile::into_effect);
+    let all = CATALOGUE.iter().copied().chain(added).collect();
+    ALL.set(all).map_err(|_| RegisterError::InUse)
+}
+
+/// Whether effects from files can be registered together; registers nothing.
+///
+/// # Errors
+///
+/// [`RegisterError`], all but [`RegisterError::InUse`].
+pub fn can_be_together(files: &[EffectFile]) -> Result<(), RegisterError> {
+    if files.len() > REGISTERED_MAX {
+        return Err(RegisterError::TooMany { count: files.len() });
+    }
+    for (k, file) in files.iter().enumerate() {
+        let name = file.name().to_owned();
+        if is_built_in(&name) || BASE_PARTS.contains(&name.as_str()) {
+            return Err(RegisterError::Known { name });
+        }
+        if files[..k].iter().any(|f| f.name() == name) {
+            return Err(RegisterError::Twice { name });
+        }
+        let known = |other: &&str| {
+            *other != name && (is_built_in(other) || files.iter().any(|f| f.name() == *other))
+        };
+        if let Some(other) = file.others().find(|other| !known(other)) {
+            let other = other.to_owned();
+            return Err(RegisterError::UnknownOther { name, other });
+        }
+    }
+    Ok(())
+}
+
+/// Parts of every structure, whose names no effect may take.
+const BASE_PARTS: [&str; 2] = ["zip", "induction_motor"];
+
+fn is_built_in(name: &str) -> bool {
+    CATALOGUE.iter().any(|e| e.declaration().name == name)
+}
+
+/// Every effect: those of the catalogue, then those registered.
 #[must_use]
 pub fn catalogue() -> &'static [&'static dyn Effect] {
-    CATALOGUE
+    ALL.get_or_init(|| CATALOGUE.to_vec())
 }
 
 /// The effect of this name.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    CATALOGUE
+    catalogue()
         .iter()
         .copied()
         .find(|e| e.declaration().name == name)
+}
+
+/// Whether the effect was registered from a file.
+#[must_use]
+pub fn is_registered(name: &str) -> bool {
+    !is_built_in(name) && find(name).is_some()
 }

@@ -12,24 +12,28 @@ use crate::numerics::{
 
 /// Half width of the spread of a voltage threshold, pu. Chosen; small against the step between the
 /// depths of any two events, large against the noise of a voltage.
-pub(super) const VOLTAGE_SPREAD_PU: f64 = 0.008;
+pub(in crate::load_model) const VOLTAGE_SPREAD_PU: f64 = 0.008;
 
 /// Time over which a block switches after its delay, s: breakers of a group take 1 to 5 ms longer or
 /// shorter.
 const SWITCHING_S: f64 = 0.004;
 
 /// Exactly 1 where the voltage is well below the threshold, exactly 0 where it is well above.
-pub(super) fn below<S: Scalar>(voltage: S, threshold: S) -> S {
+pub(in crate::load_model) fn below<S: Scalar>(voltage: S, threshold: S) -> S {
     smooth_step((threshold - voltage) * (0.5 / VOLTAGE_SPREAD_PU) + 0.5)
 }
 
 /// The mean of a condition over a step, from its start, middle and end.
-pub(super) fn mean<S: Scalar>(condition: [S; 3]) -> S {
+pub(in crate::load_model) fn mean<S: Scalar>(condition: [S; 3]) -> S {
     (condition[0] + condition[1] * 4.0 + condition[2]) * (1.0 / 6.0)
 }
 
 /// Runs a timer while its condition holds and resets it when the condition has gone.
-pub(super) fn run_timer<S: Scalar>(timer: &mut S, condition: [S; 3], duration_s: f64) {
+pub(in crate::load_model) fn run_timer<S: Scalar>(
+    timer: &mut S,
+    condition: [S; 3],
+    duration_s: f64,
+) {
     if condition[2].value() > 0.0 {
         *timer = *timer + mean(condition) * duration_s;
     } else {
@@ -38,13 +42,18 @@ pub(super) fn run_timer<S: Scalar>(timer: &mut S, condition: [S; 3], duration_s:
 }
 
 /// Share of a group that has switched when its timer shows `timer`.
-pub(super) fn switched<S: Scalar>(timer: S, delay_s: S) -> S {
+pub(in crate::load_model) fn switched<S: Scalar>(timer: S, delay_s: S) -> S {
     smooth_step((timer - delay_s) * (1.0 / SWITCHING_S))
 }
 
 /// A definite-time relay with memory: `state` holds its timer and the share that has switched,
 /// which never falls by itself.
-pub(super) fn latch<S: Scalar>(state: [&mut S; 2], condition: [S; 3], delay_s: S, duration_s: f64) {
+pub(in crate::load_model) fn latch<S: Scalar>(
+    state: [&mut S; 2],
+    condition: [S; 3],
+    delay_s: S,
+    duration_s: f64,
+) {
     let [timer, latched] = state;
     run_timer(timer, condition, duration_s);
     *latched = larger(*latched, switched(*timer, delay_s));

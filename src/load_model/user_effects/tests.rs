@@ -1,0 +1,301 @@
+//! Effect files as a user meets them: what a fault looks like.
+
+use super::{EffectFile, Problem};
+
+/// A sound file of one parameter, a time and a state, in which parts are replaced.
+pub(super) const SOUND: &str = r#"
+name = "recovery"
+title = "Recovery"
+source = "an invention for a test"
+[[parameters]]
+name = "gain"
+symbol = "k"
+unit = "1"
+role = "two_sided"
+meaningful = 0.1
+lower = -2.0
+typical = 0.8
+upper = 2.0
+[[parameters]]
+name = "time_s"
+symbol = "T"
+unit = "s"
+role = "shape"
+lower = 0.1
+typical = 4.0
+upper = 300.0
+prior = { deviation = 1.5, scale = "logarithmic" }
+[[states]]
+name = "z"
+unit = "1"
+initial = "1"
+derivative = "(v - z)/T"
+[power]
+active = "k*(v - z)"
+"#;
+
+fn problems(text: &str) -> Vec<Problem> {
+    EffectFile::parse(text).err().unwrap_or_default()
+}
+
+/// The problems of the sound file with one replacement, as text.
+fn with(from: &str, to: &str) -> Vec<String> {
+    assert!(SOUND.contains(from), "{from}");
+    let found = problems(&SOUND.replacen(from, to, 1));
+    found.iter().map(ToString::to_string).collect()
+}
+
+#[test]
+fn the_sound_file_is_sound() {
+    assert_eq!(problems(SOUND), vec![]);
+}
+
+/// What is replaced, by what, and what is told.
+const EXPRESSIONS: &[(&str, &str, &str)] = &[
+    (
+        "k*(v - z)",
+        "k*(V - z)",
+        "29:14: unknown variable `V`; did you mean `v`?",
+    ),
+    (
+        "k*(v - z)",
+        "gain*(v - z)",
+        "29:11: unknown variable `gain`; its symbol is `k`",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - z",
+        "29:19: unexpected end of the expression; the bracket at",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - T)",
+        "29:16: units differ: 1 and s; powers",
+    ),
+    (
+        "k*(v - z)",
+        "k*lags(v, T)",
+        "29:13: unknown function `lags`; did you mean `lag`?",
+    ),
+    (
+        "k*(v - z)",
+        "k*lag(v)",
+        "29:13: `lag` takes 2 arguments, 1 given; write lag(x, time",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - lag(v, z))",
+        "29:18: the second argument has the unit 1, not s",
+    ),
+    (
+        "k*(v - z)",
+        "k*exp(T)",
+        "29:17: the argument has the unit s",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - z)*T",
+        "29:11: the expression has the unit s, and 1 is needed",
+    ),
+    (
+        "k*(v - z)",
+        "k v",
+        "29:13: unexpected name `v`; an operator",
+    ),
+    (
+        "k*(v - z)",
+        "k*(v - z)*(1/0)",
+        "29:23: this constant is not finite",
+    ),
+    (
+        "(v - z)/T",
+        "(v - z)/T + p_m/1s",
+        "27:27: `p_m` is not known to states",
+    ),
+    (
+        "(v - z)/T",
+        "v - z",
+        "27:15: the expression has the unit 1, and 1/s is needed",
+    ),
+    (
+        "initial = \"1\"",
+        "initial = \"z\"",
+        "26:12: the initial value refers to the state",
+    ),
+    (
+        "initial = \"1\"",
+        "initial = \"lag(v, T)\"",
+        "26:12: `lag` keeps a state",
+    ),
+];
+
+#[test]
+fn expressions_are_told_where_and_how() {
+    for (from, to, expected) in EXPRESSIONS {
+        let found = with(from, to);
+        let message = found.first().map_or("", String::as_str);
+        assert!(message.starts_with(expected), "{to}: {found:?}");
+    }
+}
+
+/// What is replaced, by what, and what is told.
+const DECLARATIONS: &[(&str, &str, &str)] = &[
+    (
+        "lower = -2.0",
+        "lower = 3.0",
+        "`lower` 3 is not below `upper` 2",
+    ),
+    (
+        "typical = 0.8",
+        "typical = 8",
+        "`typical` 8 is outside the bounds",
+    ),
+    (
+        "meaningful = 0.1\n",
+        "",
+        "entry 1 of [[parameters]] has no `meaningful`",
+    ),
+    (
+        "role = \"two_sided\"",
+        "role = \"shpae\"",
+        "unknown role `shpae`",
+    ),
+    ("two_sided", "one_sided", "with neutral amplitudes"),
+    ("unit = \"s\"", "unit = \"ms\"", "unknown unit `ms`"),
+    (
+        "symbol = \"T\"",
+        "symbol = \"t\"",
+        "`t` is a variable or function already",
+    ),
+    (
+        "symbol = \"T\"",
+        "symbol = \"k\"",
+        "`k` stands for two things",
+    ),
+    (
+        "title = ",
+        "titel = ",
+        "unknown key `titel` in the file; did you mean `title`?",
+    ),
+    (
+        "name = \"recovery\"",
+        "name = \"My Effect\"",
+        "`My Effect` is no effect name",
+    ),
+    (
+        "lower = 0.1",
+        "lower = 0.0",
+        "a logarithmic prior on a range that reaches 0",
+    ),
+    (
+        "prior = { deviation = 1.5, scale = \"logarithmic\" }",
+        "",
+        "a shape needs a prior",
+    ),
+    (
+        "upper = 2.0",
+        "upper = inf",
+        "`upper` is not a finite number",
+    ),
+    ("[power]", "[powers]", "the file has no [power]"),
+    ("an invention for a test", "me", "`source` has 2 characters"),
+    (
+        "typical = 4.0",
+        "typical = 4.0\ngrid = [0.01]",
+        "grid point 0.01 is outside",
+    ),
+    (
+        "[power]",
+        "[power]\nreactive = 3",
+        "`reactive` is a integer",
+    ),
+    (
+        "name = \"recovery\"",
+        "name = \"recovery\"\nkind = \"instrument\"",
+        "kind `instrument`",
+    ),
+];
+
+#[test]
+fn declarations_are_told_where_and_how() {
+    for (from, to, expected) in DECLARATIONS {
+        let found = with(from, to);
+        let told = found.iter().any(|p| p.contains(expected));
+        assert!(told, "{to}: {found:?}");
+    }
+}
+
+#[test]
+fn physics_is_checked_when_the_rest_is_sound() {
+    let cases = [
+        // 0.8 * 1 at v = 1.
+        (
+            "k*(v - z)",
+            "k*v*z",
+            "at rest the active power added is 8e-1 with k = 0.8",
+        ),
+        (
+            "k*(v - z)",
+            "k*(v - z) + df",
+            "with neutral amplitudes the active power is",
+        ),
+        (
+            "initial = \"1\"",
+            "initial = \"0.5\"",
+            "at rest state `z` changes by",
+        ),
+        ("k*(v - z)", "k*(v - z)/(v - 1.08)", "the active power is"),
+        ("lower = 0.1", "lower = 1e-9", "a state moves at 1.000e9 /s"),
+        (
+            "k*(v - z)",
+            "k*(v - z)*latch(above(v, 0.9), T)",
+            "at rest the condition of a timer",
+        ),
+        ("k*(v - z)", "k*(v - 1)", "no power depends on the state"),
+    ];
+    for (from, to, expected) in cases {
+        let found = with(from, to);
+        assert!(
+            found.iter().any(|p| p.contains(expected)),
+            "{to}: {found:?}"
+        );
+    }
+}
+
+#[test]
+fn all_faults_are_told_at_once_in_order() {
+    let text = SOUND
+        .replace("title = ", "titel = ")
+        .replace("(v - z)/T", "(v - x)/T")
+        .replace("k*(v - z)", "k*(v - y)");
+    let found = problems(&text);
+    assert_eq!(found.len(), 4, "{found:?}");
+    assert!(found.is_sorted());
+}
+
+#[test]
+fn precedence_is_that_of_mathematics() {
+    // At rest: -1^2 + 1 = 0, 2^3^2 = 512, 6/3*2 = 4, 1 - 1 - 1 = -1.
+    for zero in [
+        "-v^2 + 1",
+        "2^3^2 - 512",
+        "6/3*2 - 4",
+        "1 - 1 - 1 + v",
+        "+v - -v - 2",
+        "2^-1 - 0.5",
+    ] {
+        let found = with("k*(v - z)", &format!("k*(({zero}) + v - z)"));
+        let rest: Vec<&String> = found.iter().filter(|p| p.contains("at rest")).collect();
+        assert!(rest.is_empty(), "{zero}: {found:?}");
+    }
+}
+
+#[test]
+fn equal_calls_keep_one_state() {
+    let power = "active = \"k*(v - lag(v, T))\"\nreactive = \"k*(v - lag(v, T)) + k*(v - z)\"";
+    let text = SOUND.replace("active = \"k*(v - z)\"", power);
+    let file = EffectFile::parse(&text).unwrap();
+    let declaration = file.into_effect().declaration();
+    assert_eq!(declaration.states.len(), 2);
+    assert_eq!(declaration.states[1].unit, "1");
+}
