@@ -279,7 +279,7 @@ impl<S: Elementary> Equations<S> for UserEffect {
         Ok(())
     }
 
-    fn rate_per_s(&self, p: &[S]) -> f64 {
+    fn rate_per_s(&self, p: &[S], _x: &[S], _rest: &Rest<S>) -> f64 {
         let values: Vec<f64> = p.iter().map(|p| p.value()).collect();
         self.formulas.rate_per_s(&values)
     }
