@@ -61,6 +61,8 @@ impl Default for SearchOptions {
         // The objective is a sum of squares of some thousand samples: a relative decrease below
         // 1e-8 moves no parameter by a hundredth of its standard error.
         options.local.decrease_relative = 1e-8;
+        // ... and so does one of a millionth, the objective being half a chi-square: without noise it tends to 0.
+        options.local.decrease_absolute = 1e-6;
         options.local.step_relative = 1e-7;
         options.local.evaluations_max = 120;
         Self {

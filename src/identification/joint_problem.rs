@@ -200,6 +200,13 @@ impl<'a> JointProblem<'a> {
         })
     }
 
+    /// The best linear coefficients at outer unknowns `x`: one plain simulation per event.
+    pub(super) fn linear(&self, x: &DVector<f64>) -> Option<[f64; LINEAR]> {
+        let sum = self.plain_sum(x)?;
+        let (h, g) = self.linear_system(&sum);
+        self.linear_optimum(&h, &g)
+    }
+
     /// The objective with given linear coefficients.
     pub(super) fn value_at(&self, x: &DVector<f64>, linear: [f64; LINEAR]) -> Option<f64> {
         let sum = self.plain_sum(x)?;

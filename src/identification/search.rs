@@ -49,7 +49,7 @@ pub(super) fn reduced(
     let bounds = outer_bounds();
     let same = |a: &LocalSolution, b: &LocalSolution| {
         let close = || {
-            let model = |x: &DVector<f64>| fitted_model(problem, x, problem.point(x)?.linear);
+            let model = |x: &DVector<f64>| fitted_model(problem, x, problem.linear(x)?);
             let (Some(a), Some(b)) = (model(&a.x), model(&b.x)) else {
                 return f64::INFINITY;
             };
@@ -182,7 +182,7 @@ fn paper_starts(
 ) -> Vec<DVector<f64>> {
     let cells = (options.start_cells, options.starts_max);
     let start = |x: &DVector<f64>| {
-        let linear = problem.point(x)?.linear;
+        let linear = problem.linear(x)?;
         Some(paper.start(&motor_coordinates(x), linear))
     };
     let starts = scan_starts(problem, &outer_bounds(), cells, cancel);
