@@ -15,7 +15,7 @@
 //!
 //! `r_i` is the variance of coordinate `i` over the one that `A` promises. A handful of events gives
 //! a rough figure, so each `r_i` is pulled towards the mean over its group (motor coordinates; shares),
-//! which counts for [`PRIOR_FREEDOM`] degrees of freedom, and never counts below 1. One event alone
+//! which counts for `PRIOR_FREEDOM` degrees of freedom, and never counts below 1. One event alone
 //! has nobody to disagree with: there the effective number of samples follows from the
 //! autocorrelation of the residuals, `n / (1 + 2 sum rho_k)`. Coverage measured:
 //! `docs/identifiability.md`. Sources: sandwich with clusters: Liang and

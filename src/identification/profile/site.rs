@@ -35,7 +35,7 @@ pub enum ProfileError {
     Unknown(#[from] UnknownQuantity),
 }
 
-/// Fits a site as [`identify`](crate::identification::identify) does and follows the profile of each
+/// Fits a site as [`identify`](crate::identification::identify()) does and follows the profile of each
 /// of the quantities `names`. `progress` is told the quantity and the number of its points.
 ///
 /// # Errors
