@@ -1,0 +1,224 @@
+//! What a diagnosis says, and what rounds of it have done.
+
+use crate::{
+    identification::{ErrorSummary, ParameterEstimate, ParameterSet},
+    load_model::effect::Kind,
+};
+
+use super::where_it_fails::{EventFailure, SegmentResidual};
+
+/// The answer of a diagnosis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Status {
+    /// The structure follows the events down to the noise: nothing is missing.
+    Adequate,
+    /// An effect of the catalogue is missing; the candidates say which.
+    MissingEffect,
+    /// The instrument, not the load, explains what is left.
+    InstrumentSuspect,
+    /// Something is missing that no effect of the catalogue describes.
+    UnknownEffect,
+    /// The events do not allow a judgement; the reasons say why.
+    CannotJudge,
+}
+
+impl Status {
+    /// As JSON writes it.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Adequate => "adequate",
+            Self::MissingEffect => "missing_effect",
+            Self::InstrumentSuspect => "instrument_suspect",
+            Self::UnknownEffect => "unknown_effect",
+            Self::CannotJudge => "cannot_judge",
+        }
+    }
+}
+
+/// Which events served for what; each list in the order of the data.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EventSets {
+    /// Fitted.
+    pub fit: Vec<String>,
+    /// Held out to decide whether an effect may be declared.
+    pub gate: Vec<String>,
+    /// In neither: the error quoted comes from these. Empty when there are too few events.
+    pub untouched: Vec<String>,
+    /// Refused, with the reason.
+    pub refused: Vec<(String, String)>,
+}
+
+/// Errors of one fitted structure on the three sets of events.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StructureErrors {
+    /// On the fitted events.
+    pub fit: ErrorSummary,
+    /// On the events of the gate.
+    pub gate: Option<ErrorSummary>,
+    /// On the untouched events.
+    pub untouched: Option<ErrorSummary>,
+}
+
+impl StructureErrors {
+    /// The errors to quote: untouched, else gate, else fit.
+    #[must_use]
+    pub fn quoted(&self) -> &ErrorSummary {
+        let held_out = self.untouched.as_ref().or(self.gate.as_ref());
+        held_out.unwrap_or(&self.fit)
+    }
+}
+
+/// An effect that was tried on top of the structure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// Its name in the catalogue.
+    pub effect: String,
+    /// The load or the instrument.
+    pub kind: Kind,
+    /// Share of the residual (weighted squares above the noise) that the linear screen explains,
+    /// 0 to 1.
+    pub score_share: f64,
+    /// Share of the effect that the structure cannot mimic by its own parameters, 0 to 1.
+    pub visibility: f64,
+    /// Change of the Bayesian information criterion over all events by adding it; negative is
+    /// better. None where the screen left it out of the refits.
+    pub delta_bic: Option<f64>,
+    /// Error over noise on the gate's events without it.
+    pub held_out_error_before: Option<f64>,
+    /// The same with it.
+    pub held_out_error_after: Option<f64>,
+    /// Share of the best candidate's gain that this one recovers when refitted, 0 to 1.
+    pub share_of_best_gain: Option<f64>,
+    /// Effects, this one included, that these events do not separate from it.
+    pub group: Vec<String>,
+    /// What would separate the group; empty when it is alone.
+    pub would_separate: String,
+    /// Its parameters after the refit.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Whether it passed every test of a declaration.
+    pub declared: bool,
+    /// Why it is not declared, with the figure; empty when it is.
+    pub refused: Vec<String>,
+}
+
+/// An effect on which these events are silent.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Untestable {
+    /// Its name in the catalogue.
+    pub effect: String,
+    /// Smallest amplitude that would have shown, in the unit of its first amplitude.
+    pub smallest_detectable_amplitude: f64,
+    /// Smallest amplitude worth reporting.
+    pub meaningful_amplitude: f64,
+    /// Name and unit of the amplitude.
+    pub amplitude: String,
+    /// The unit.
+    pub unit: String,
+    /// What events would test it.
+    pub needs: String,
+}
+
+/// One term of a description of what nothing in the catalogue explains.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnexplainedTerm {
+    /// The term as a formula, in the variables of effects written in files.
+    pub formula: String,
+    /// `"P"` or `"Q"`.
+    pub channel: &'static str,
+    /// Its coefficient, pu of P0.
+    pub coefficient: f64,
+    /// Share of the residual's squares that it explains on top of the terms before it.
+    pub share: f64,
+}
+
+/// What is missing but not in the catalogue.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unexplained {
+    /// What the residual looks like, in a sentence.
+    pub signature: String,
+    /// A sparse description, most important term first.
+    pub terms: Vec<UnexplainedTerm>,
+    /// A ready file for `--effect-file` that adds these terms; none where no term explains much.
+    pub effect_file: Option<String>,
+}
+
+/// What a diagnosis cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DiagnosisCost {
+    /// Joint simulations of all events.
+    pub simulations: u64,
+    /// Effects refitted.
+    pub refits: u64,
+    /// Wall-clock time; 0 until the caller fills it in.
+    pub seconds: f64,
+}
+
+/// A diagnosis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagnosis {
+    /// Site.
+    pub site: String,
+    /// The structure judged.
+    pub structure: Vec<String>,
+    /// The answer.
+    pub status: Status,
+    /// The answer in one sentence.
+    pub summary: String,
+    /// Each reason with its figure.
+    pub reasons: Vec<String>,
+    /// Events by use.
+    pub events: EventSets,
+    /// Errors of the structure judged.
+    pub baseline: StructureErrors,
+    /// Error over noise that a perfect model would have.
+    pub noise_floor: f64,
+    /// Residuals by segment and channel, all events together.
+    pub segments: Vec<SegmentResidual>,
+    /// Where it fails, event by event.
+    pub failures: Vec<EventFailure>,
+    /// Candidates, best first.
+    pub candidates: Vec<Candidate>,
+    /// The declared effect and those not separable from it, best first; empty when none is.
+    pub answer_set: Vec<String>,
+    /// Effects on which these events are silent.
+    pub untestable: Vec<Untestable>,
+    /// What no effect of the catalogue explains.
+    pub unexplained: Option<Unexplained>,
+    /// Cost.
+    pub cost: DiagnosisCost,
+}
+
+/// One step of the staircase.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImprovementStep {
+    /// Structure fitted in this step.
+    pub structure: Vec<String>,
+    /// The effect that this step added; none for the first step and for one that only dropped.
+    pub added: Option<String>,
+    /// Effects that this step dropped as superfluous.
+    pub dropped: Vec<String>,
+    /// Why.
+    pub reason: String,
+    /// Errors.
+    pub errors: StructureErrors,
+    /// Number of free parameters.
+    pub parameter_count: usize,
+    /// Bayesian information criterion over all events relative to the first step.
+    pub delta_bic: f64,
+    /// The set of this step, validated, with version 0.
+    pub set: ParameterSet,
+}
+
+/// Rounds of diagnosis and addition.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Improvement {
+    /// Site.
+    pub site: String,
+    /// The staircase, the structure at the start first.
+    pub steps: Vec<ImprovementStep>,
+    /// The diagnosis of the last structure.
+    pub last: Diagnosis,
+    /// Diagnoses of the steps before, in their order.
+    pub diagnoses: Vec<Diagnosis>,
+}
