@@ -34,6 +34,7 @@ mod valley;
 pub mod verdict;
 
 pub use comparison::Comparison;
+pub use composed_estimates::composed_parameters;
 pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
