@@ -8,8 +8,9 @@ use super::{
 use crate::{
     disturbance::Window,
     identification::{
-        ErrorSummary, FittedSite, Identification, IdentificationError, conclude,
+        ErrorSummary, FittedSite, Identification, IdentificationError,
         composed::{self, Baseline, ComposedFit, ComposedLoad},
+        conclude,
         edge_timing::align,
         evaluate::{Curves, EventModel, StaticModel, errors},
         fit::Fit,
@@ -69,7 +70,10 @@ impl<'a> Case<'a> {
         if events.is_empty() {
             return Err(IdentificationError::NoUsableEvent { refused });
         }
-        let keys: Vec<(&str, f64)> = events.iter().map(|e| (e.id.as_str(), e.lowest_voltage)).collect();
+        let keys: Vec<(&str, f64)> = events
+            .iter()
+            .map(|e| (e.id.as_str(), e.lowest_voltage))
+            .collect();
         let uses = uses(&keys, &options.split);
         let (mut judged, mut gates, mut untouched) = (Vec::new(), Vec::new(), Vec::new());
         for (event, how) in events.into_iter().zip(uses) {
@@ -101,7 +105,10 @@ impl<'a> Case<'a> {
     pub(super) fn events(&self) -> EventSets {
         let names = |gating: bool| {
             let pairs = self.judged.iter().zip(&self.gates);
-            pairs.filter(|(_, g)| **g == gating).map(|(e, _)| e.id.clone()).collect()
+            pairs
+                .filter(|(_, g)| **g == gating)
+                .map(|(e, _)| e.id.clone())
+                .collect()
         };
         EventSets {
             fit: names(false),
@@ -114,13 +121,20 @@ impl<'a> Case<'a> {
     /// The fitted events, or those of the gate.
     pub(super) fn part(&self, gating: bool) -> Vec<PreparedEvent> {
         let pairs = self.judged.iter().zip(&self.gates);
-        pairs.filter(|(_, g)| **g == gating).map(|(e, _)| e.clone()).collect()
+        pairs
+            .filter(|(_, g)| **g == gating)
+            .map(|(e, _)| e.clone())
+            .collect()
     }
 
     /// The fits from which effects start, of a structure built up effect by effect.
     pub(super) fn baseline(&self, structure: &Structure) -> Result<Baseline, IdentificationError> {
         let plain = structure.plain_part();
-        let best = self.found.solutions.first().ok_or(IdentificationError::NoSolution)?;
+        let best = self
+            .found
+            .solutions
+            .first()
+            .ok_or(IdentificationError::NoSolution)?;
         let built = composed::baseline(
             &self.judged,
             &plain,
@@ -139,9 +153,18 @@ impl<'a> Case<'a> {
     }
 
     /// A baseline with one more effect.
-    pub(super) fn with(&self, base: &Baseline, effect: &str) -> Result<Baseline, IdentificationError> {
+    pub(super) fn with(
+        &self,
+        base: &Baseline,
+        effect: &str,
+    ) -> Result<Baseline, IdentificationError> {
         self.watcher.check()?;
-        let next = base.with(&self.judged, effect, &self.options.composed, self.watcher.cancel)?;
+        let next = base.with(
+            &self.judged,
+            effect,
+            &self.options.composed,
+            self.watcher.cancel,
+        )?;
         next.ok_or_else(|| self.failed())
     }
 
@@ -172,14 +195,26 @@ impl<'a> Case<'a> {
     /// Weighted squares of the gating events, composition of each event free to vary, and their rows.
     pub(super) fn gate_squares(&self, fit: &ComposedFit) -> Option<(Vec<f64>, usize)> {
         let gate = self.part(true);
-        let squares = composed::squares(&gate, &fit.model, &fit.parameters, &self.options.composed.scatter)?;
-        let rows = gate.iter().map(|e| 2 * e.used.iter().filter(|u| **u).count()).sum();
+        let squares = composed::squares(
+            &gate,
+            &fit.model,
+            &fit.parameters,
+            &self.options.composed.scatter,
+        )?;
+        let rows = gate
+            .iter()
+            .map(|e| 2 * e.used.iter().filter(|u| **u).count())
+            .sum();
         Some((squares, rows))
     }
 
     /// Errors on the fitted and gating events of a fit without the gate, and on the untouched ones of
     /// the fit to both.
-    pub(super) fn errors(&self, structure: &Structure, fit: &ComposedFit) -> Option<StructureErrors> {
+    pub(super) fn errors(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Option<StructureErrors> {
         let judged = load(structure, fit);
         let untouched = self.errors_of(&judged, &self.untouched);
         let Some(training) = self.without_gate(fit) else {
@@ -198,7 +233,11 @@ impl<'a> Case<'a> {
     }
 
     /// Errors of a model on events; `None` without events or when it cannot be simulated.
-    pub(super) fn errors_of(&self, model: &ComposedLoad, events: &[PreparedEvent]) -> Option<ErrorSummary> {
+    pub(super) fn errors_of(
+        &self,
+        model: &ComposedLoad,
+        events: &[PreparedEvent],
+    ) -> Option<ErrorSummary> {
         if events.is_empty() {
             return None;
         }
@@ -207,7 +246,11 @@ impl<'a> Case<'a> {
     }
 
     /// What a fit says in all events that it can be simulated in, in the order of their names.
-    pub(super) fn curves(&self, structure: &Structure, fit: &ComposedFit) -> Vec<(PreparedEvent, Curves)> {
+    pub(super) fn curves(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Vec<(PreparedEvent, Curves)> {
         let model = load(structure, fit);
         let mut events: Vec<&PreparedEvent> = self.judged.iter().chain(&self.untouched).collect();
         events.sort_by(|a, b| a.id.cmp(&b.id));
@@ -221,7 +264,11 @@ impl<'a> Case<'a> {
 
     /// The parameter set of a fit, validated on the untouched events (on those of the gate where
     /// there are none).
-    pub(super) fn conclude(&self, structure: &Structure, fit: &ComposedFit) -> Result<Identification, IdentificationError> {
+    pub(super) fn conclude(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Result<Identification, IdentificationError> {
         let (fitted, held, fit) = if self.untouched.is_empty()
             && let Some(training) = self.without_gate(fit)
         {

@@ -28,7 +28,11 @@ pub(super) struct Evidence {
 
 /// Share by which a value falls.
 fn fall(before: f64, after: f64) -> f64 {
-    if before > 0.0 && after.is_finite() { (before - after) / before } else { -1.0 }
+    if before > 0.0 && after.is_finite() {
+        (before - after) / before
+    } else {
+        -1.0
+    }
 }
 
 /// Why this effect may not be declared, each with its figure; empty when it may.
@@ -72,7 +76,8 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
 pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
     let left = (evidence.chi_square_after - options.floor).max(0.0);
     let before = (evidence.chi_square_before - options.floor).max(f64::MIN_POSITIVE);
-    evidence.chi_square_after < options.reached_floors * options.floor || left / before < options.left_share
+    evidence.chi_square_after < options.reached_floors * options.floor
+        || left / before < options.left_share
 }
 
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be
@@ -102,7 +107,10 @@ mod tests {
             chi_square_before: 10.0,
             chi_square_after: after,
             amplitude_over_meaningful: 3.0,
-            gate: Some(GateEvidence { before: 12.0, after: after * 1.2 }),
+            gate: Some(GateEvidence {
+                before: 12.0,
+                after: after * 1.2,
+            }),
         }
     }
 
@@ -111,12 +119,24 @@ mod tests {
         let options = ClaimOptions::default();
         let good = evidence(-500.0, 2.0, true);
         assert!(objections(&good, &options).is_empty());
-        let weak = Evidence { delta_bic: -20.0, ..good.clone() };
+        let weak = Evidence {
+            delta_bic: -20.0,
+            ..good.clone()
+        };
         assert_eq!(objections(&weak, &options).len(), 1);
-        let small = Evidence { amplitude_over_meaningful: 0.4, ..good.clone() };
+        let small = Evidence {
+            amplitude_over_meaningful: 0.4,
+            ..good.clone()
+        };
         assert!(objections(&small, &options)[0].contains("0.40"));
-        let gate = Some(GateEvidence { before: 12.0, after: f64::INFINITY });
-        let failed = Evidence { gate, ..good.clone() };
+        let gate = Some(GateEvidence {
+            before: 12.0,
+            after: f64::INFINITY,
+        });
+        let failed = Evidence {
+            gate,
+            ..good.clone()
+        };
         assert!(objections(&failed, &options)[0].contains("held-out"));
         let ungated = Evidence { gate: None, ..good };
         assert!(objections(&ungated, &options).is_empty());
@@ -140,7 +160,10 @@ mod tests {
         let options = ClaimOptions::default();
         assert!(reaches(&evidence(-500.0, 2.0, true), &options));
         assert!(!reaches(&evidence(-500.0, 6.0, true), &options));
-        let large = Evidence { chi_square_before: 1000.0, ..evidence(-500.0, 6.0, true) };
+        let large = Evidence {
+            chi_square_before: 1000.0,
+            ..evidence(-500.0, 6.0, true)
+        };
         assert!(reaches(&large, &options));
     }
 }

@@ -4,7 +4,9 @@ use super::{
     case::{Case, Watcher},
     claim::objections,
     options::{DiagnosisOptions, Progress},
-    outcome::{Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable},
+    outcome::{
+        Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable,
+    },
     round::{Round, round},
     trials::{Trial, amplitude},
     where_it_fails::{failure, pooled},
@@ -44,9 +46,9 @@ pub fn diagnose(
         Ok(report(&case, &round))
     });
     match judged {
-        Err(error @ (IdentificationError::NoUsableEvent { .. } | IdentificationError::NoSolution)) => {
-            Ok(cannot_judge(site, structure, &error))
-        }
+        Err(
+            error @ (IdentificationError::NoUsableEvent { .. } | IdentificationError::NoSolution),
+        ) => Ok(cannot_judge(site, structure, &error)),
         other => other,
     }
 }
@@ -62,7 +64,10 @@ fn cannot_judge(site: &Site, structure: &[String], error: &IdentificationError) 
         status: Status::CannotJudge,
         summary: format!("Nothing can be said of this model: {error}."),
         reasons: vec![error.to_string()],
-        events: EventSets { refused, ..EventSets::default() },
+        events: EventSets {
+            refused,
+            ..EventSets::default()
+        },
         baseline: StructureErrors::default(),
         noise_floor: ERROR_TO_NOISE_FLOOR,
         segments: Vec::new(),
@@ -84,16 +89,29 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
     let structure = &round.asked.baseline.structure;
     let fit = &round.asked.baseline.all;
     let curves = case.curves(structure, fit);
-    let failures: Vec<_> = curves.iter().map(|(event, curves)| failure(event, curves)).collect();
+    let failures: Vec<_> = curves
+        .iter()
+        .map(|(event, curves)| failure(event, curves))
+        .collect();
     let candidates = candidates(case, round);
-    let answer_set: Vec<String> = round.decision.answer.iter().map(|&i| round.trials[i].name().to_owned()).collect();
+    let answer_set: Vec<String> = round
+        .decision
+        .answer
+        .iter()
+        .map(|&i| round.trials[i].name().to_owned())
+        .collect();
     let trials = || round.trials.iter();
     let unexplained = (round.decision.status == Status::UnknownEffect)
         .then(|| {
             let closest = round.base();
-            let (events, curves): (Vec<_>, Vec<_>) =
-                case.curves(&closest.baseline.structure, &closest.baseline.all).into_iter().unzip();
-            { let _ = (&events, &curves); None::<super::outcome::Unexplained> }
+            let (events, curves): (Vec<_>, Vec<_>) = case
+                .curves(&closest.baseline.structure, &closest.baseline.all)
+                .into_iter()
+                .unzip();
+            {
+                let _ = (&events, &curves);
+                None::<super::outcome::Unexplained>
+            }
         })
         .flatten();
     Diagnosis {
@@ -112,7 +130,10 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
         untestable: trials().filter_map(|t| untestable(round, t)).collect(),
         unexplained,
         cost: DiagnosisCost {
-            simulations: trials().filter_map(|t| t.fit()).map(|f| f.evaluations).sum(),
+            simulations: trials()
+                .filter_map(|t| t.fit())
+                .map(|f| f.evaluations)
+                .sum(),
             refits: trials().filter(|t| t.refit.is_some()).count() as u64,
             seconds: 0.0,
         },
@@ -122,17 +143,26 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
 fn summary(round: &Round, answer: &[String]) -> String {
     let rivals = match answer {
         [] | [_] => String::new(),
-        [_, others @ ..] => format!(" (these events do not separate it from {})", others.join(", ")),
+        [_, others @ ..] => format!(
+            " (these events do not separate it from {})",
+            others.join(", ")
+        ),
     };
     let first = answer.first().map_or("", String::as_str);
     match round.decision.status {
-        Status::Adequate => "The model follows these events: nothing is missing that they could show.".to_owned(),
+        Status::Adequate => {
+            "The model follows these events: nothing is missing that they could show.".to_owned()
+        }
         Status::MissingEffect => match round.decision.second {
             None => format!("The model lacks {first}{rivals}."),
             Some(second) => format!("The model lacks {first}{rivals}, and besides it {second}."),
         },
-        Status::InstrumentSuspect => format!("The instrument, not the load, explains what is left: {first}{rivals}."),
-        Status::UnknownEffect => "Something is missing that no effect of the catalogue describes.".to_owned(),
+        Status::InstrumentSuspect => {
+            format!("The instrument, not the load, explains what is left: {first}{rivals}.")
+        }
+        Status::UnknownEffect => {
+            "Something is missing that no effect of the catalogue describes.".to_owned()
+        }
         Status::CannotJudge => "These events do not allow a judgement.".to_owned(),
     }
 }
@@ -141,7 +171,12 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
     let answer = &round.decision.answer;
     let mut order: Vec<usize> = answer.clone();
     order.extend((0..round.trials.len()).filter(|i| !answer.contains(i)));
-    let best_gain = round.trials.iter().map(|t| -t.delta_bic()).filter(|g| g.is_finite()).fold(0.0, f64::max);
+    let best_gain = round
+        .trials
+        .iter()
+        .map(|t| -t.delta_bic())
+        .filter(|g| g.is_finite())
+        .fold(0.0, f64::max);
     let listed = order.into_iter().map(|i| (i, &round.trials[i]));
     let candidate = |(place, trial): (usize, &Trial)| {
         let evidence = trial.evidence.as_ref();
@@ -153,8 +188,17 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             Some(e) => objections(e, &case.options.claim),
         };
         let grouped = declared && answer.len() > 1;
-        let names = || answer.iter().map(|&i| round.trials[i].name().to_owned()).collect();
-        let group = if grouped { names() } else { vec![trial.name().to_owned()] };
+        let names = || {
+            answer
+                .iter()
+                .map(|&i| round.trials[i].name().to_owned())
+                .collect()
+        };
+        let group = if grouped {
+            names()
+        } else {
+            vec![trial.name().to_owned()]
+        };
         Candidate {
             effect: trial.name().to_owned(),
             kind: trial.declaration.kind,
@@ -163,10 +207,19 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             delta_bic: evidence.map(|e| e.delta_bic),
             held_out_error_before: gate.map(|g| g.before.sqrt()),
             held_out_error_after: gate.map(|g| g.after.sqrt()),
-            share_of_best_gain: evidence.map(|e| (-e.delta_bic / best_gain).clamp(0.0, 1.0)).filter(|s| s.is_finite()),
-            would_separate: if grouped { trial.declaration.needs.separating_event.to_owned() } else { String::new() },
+            share_of_best_gain: evidence
+                .map(|e| (-e.delta_bic / best_gain).clamp(0.0, 1.0))
+                .filter(|s| s.is_finite()),
+            would_separate: if grouped {
+                trial.declaration.needs.separating_event.to_owned()
+            } else {
+                String::new()
+            },
             group,
-            parameters: trial.fit().map(|fit| composed_parameters(fit, trial.name())).unwrap_or_default(),
+            parameters: trial
+                .fit()
+                .map(|fit| composed_parameters(fit, trial.name()))
+                .unwrap_or_default(),
             declared,
             refused,
         }
@@ -177,8 +230,14 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
 /// The smallest amplitude that would have shown, where that is more than what would be worth
 /// reporting.
 fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
-    let parameter = trial.declaration.parameters.iter().find(|p| p.is_amplitude())?;
-    let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) = parameter.role else {
+    let parameter = trial
+        .declaration
+        .parameters
+        .iter()
+        .find(|p| p.is_amplitude())?;
+    let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) =
+        parameter.role
+    else {
         return None;
     };
     let misfit = round.base().chi_square().max(1.0).sqrt();

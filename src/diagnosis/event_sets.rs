@@ -62,7 +62,11 @@ fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
     for k in 0..held {
         let place = 1 + (2 * k + 1) * (count - 1) / (2 * held);
         let interleaved = untouched > 0 && (k + 1) * untouched / held > k * untouched / held;
-        uses[order[place]] = if interleaved { Use::Untouched } else { Use::Gate };
+        uses[order[place]] = if interleaved {
+            Use::Untouched
+        } else {
+            Use::Gate
+        };
     }
     uses
 }
@@ -83,7 +87,11 @@ mod tests {
     fn counted(count: usize) -> [usize; 3] {
         let names: Vec<String> = (0..count).map(|i| format!("event_{i:02}")).collect();
         let depth = |i: usize| 0.4 + 0.5 * i as f64 / count as f64;
-        let events: Vec<(&str, f64)> = names.iter().enumerate().map(|(i, n)| (n.as_str(), depth(i))).collect();
+        let events: Vec<(&str, f64)> = names
+            .iter()
+            .enumerate()
+            .map(|(i, n)| (n.as_str(), depth(i)))
+            .collect();
         let uses = uses(&events, &EventSplit::Balanced);
         assert_eq!(uses[0], Use::Fit, "the deepest of {count} is fitted");
         [Use::Fit, Use::Gate, Use::Untouched].map(|u| uses.iter().filter(|x| **x == u).count())

@@ -92,7 +92,12 @@ impl<'a> Stairs<'a> {
             last: None,
         };
         let start = stairs.at.clone();
-        let step = stairs.step(&start, None, Vec::new(), "the structure at the start".to_owned())?;
+        let step = stairs.step(
+            &start,
+            None,
+            Vec::new(),
+            "the structure at the start".to_owned(),
+        )?;
         stairs.steps.push(step);
         Ok(stairs)
     }
@@ -104,7 +109,10 @@ impl<'a> Stairs<'a> {
     fn climb(&mut self) -> Result<(), IdentificationError> {
         for _ in 0..ROUNDS_MAX {
             let found = self.diagnosis()?;
-            let missing = matches!(found.status, Status::MissingEffect | Status::InstrumentSuspect);
+            let missing = matches!(
+                found.status,
+                Status::MissingEffect | Status::InstrumentSuspect
+            );
             let Some(effect) = found.answer_set.first().filter(|_| missing).cloned() else {
                 self.last = Some(found);
                 return Ok(());
@@ -132,13 +140,23 @@ impl<'a> Stairs<'a> {
     fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), IdentificationError> {
         for effect in remove {
             let next = self.case.baseline(&without(&self.at.structure, effect)?)?;
-            let step = self.step(&next, None, vec![effect.clone()], "removed by hand".to_owned())?;
+            let step = self.step(
+                &next,
+                None,
+                vec![effect.clone()],
+                "removed by hand".to_owned(),
+            )?;
             self.steps.push(step);
             self.at = next;
         }
         for effect in add {
             let next = self.case.with(&self.at, effect)?;
-            let step = self.step(&next, Some(effect.clone()), Vec::new(), "added by hand".to_owned())?;
+            let step = self.step(
+                &next,
+                Some(effect.clone()),
+                Vec::new(),
+                "added by hand".to_owned(),
+            )?;
             self.steps.push(step);
             self.at = next;
         }
@@ -146,7 +164,11 @@ impl<'a> Stairs<'a> {
     }
 
     /// Effects that earlier steps added and that `next` no longer needs are taken out of it.
-    fn drop_superfluous(&self, next: &mut Baseline, newest: &str) -> Result<Vec<String>, IdentificationError> {
+    fn drop_superfluous(
+        &self,
+        next: &mut Baseline,
+        newest: &str,
+    ) -> Result<Vec<String>, IdentificationError> {
         let added = self.steps.iter().filter_map(|s| s.added.clone());
         let mut dropped = Vec::new();
         for effect in added.filter(|e| e != newest) {
@@ -164,7 +186,10 @@ impl<'a> Stairs<'a> {
     }
 
     fn worse(&self, step: &ImprovementStep) -> bool {
-        let before = self.steps.last().map_or(f64::INFINITY, |s| s.errors.quoted().error_to_noise);
+        let before = self
+            .steps
+            .last()
+            .map_or(f64::INFINITY, |s| s.errors.quoted().error_to_noise);
         step.errors.quoted().error_to_noise > (1.0 + WORSE_MAX) * before
     }
 
@@ -176,7 +201,10 @@ impl<'a> Stairs<'a> {
         reason: String,
     ) -> Result<ImprovementStep, IdentificationError> {
         let fit = &at.all;
-        let errors = self.case.errors(&at.structure, fit).ok_or_else(|| self.case.failed())?;
+        let errors = self
+            .case
+            .errors(&at.structure, fit)
+            .ok_or_else(|| self.case.failed())?;
         Ok(ImprovementStep {
             structure: at.structure.names(),
             added,
@@ -191,6 +219,10 @@ impl<'a> Stairs<'a> {
 }
 
 fn without(structure: &Structure, effect: &str) -> Result<Structure, IdentificationError> {
-    let left: Vec<String> = structure.names().into_iter().filter(|n| n != effect).collect();
+    let left: Vec<String> = structure
+        .names()
+        .into_iter()
+        .filter(|n| n != effect)
+        .collect();
     Ok(Structure::parse(&left)?)
 }

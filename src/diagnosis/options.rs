@@ -1,8 +1,6 @@
 //! Settings of a diagnosis, and its progress.
 
-use crate::identification::{
-    IdentificationOptions, composed::ComposedFitOptions,
-};
+use crate::identification::{IdentificationOptions, composed::ComposedFitOptions};
 
 /// Settings of a diagnosis.
 #[derive(Clone, Debug, PartialEq)]

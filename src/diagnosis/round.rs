@@ -84,8 +84,14 @@ fn companion(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, Ident
     if excluded || base.structure.with(COMPANION).is_err() {
         return Ok(None);
     }
-    case.watcher.says("fitting the stator resistance".to_owned(), 0, 1);
-    let with = base.with(&case.judged, COMPANION, &case.options.composed, case.watcher.cancel)?;
+    case.watcher
+        .says("fitting the stator resistance".to_owned(), 0, 1);
+    let with = base.with(
+        &case.judged,
+        COMPANION,
+        &case.options.composed,
+        case.watcher.cancel,
+    )?;
     case.watcher.check()?;
     let gain = |with: &Baseline| with.all.bayesian_information() - base.all.bayesian_information();
     Ok(with.filter(|w| gain(w) < COMPANION_DELTA_BIC))
@@ -93,7 +99,11 @@ fn companion(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, Ident
 
 fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, IdentificationError> {
     let options = &case.options.claim;
-    let refitted: Vec<(usize, &Trial)> = list.iter().enumerate().filter(|(_, t)| t.evidence.is_some()).collect();
+    let refitted: Vec<(usize, &Trial)> = list
+        .iter()
+        .enumerate()
+        .filter(|(_, t)| t.evidence.is_some())
+        .collect();
     let judged: Vec<_> = refitted
         .iter()
         .filter_map(|(_, t)| {
@@ -102,7 +112,10 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
             Some((evidence, allowed))
         })
         .collect();
-    let answer: Vec<usize> = answer_set(&judged, options).iter().map(|&i| refitted[i].0).collect();
+    let answer: Vec<usize> = answer_set(&judged, options)
+        .iter()
+        .map(|&i| refitted[i].0)
+        .collect();
     let Some(&best) = answer.first() else {
         return Ok(nothing_declared(case, base));
     };
@@ -121,7 +134,12 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
         Kind::Instrument => Status::InstrumentSuspect,
     };
     if reaches(evidence, options) {
-        return Ok(Decision { status, answer, reasons: vec![found], second: None });
+        return Ok(Decision {
+            status,
+            answer,
+            reasons: vec![found],
+            second: None,
+        });
     }
     match pair(case, list, &answer)? {
         Some(pair) => {
@@ -135,7 +153,12 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
             answer.retain(|i| *i != pair.first);
             answer.insert(0, pair.first);
             answer.truncate(1.max(answer.len().min(2)));
-            Ok(Decision { status, answer, reasons: vec![found, reason], second: Some(pair.second) })
+            Ok(Decision {
+                status,
+                answer,
+                reasons: vec![found, reason],
+                second: Some(pair.second),
+            })
         }
         None => Ok(Decision {
             status: Status::UnknownEffect,
@@ -159,23 +182,37 @@ struct Pair {
     chi_square: f64,
 }
 
-fn pair(case: &Case<'_>, list: &[Trial], answer: &[usize]) -> Result<Option<Pair>, IdentificationError> {
+fn pair(
+    case: &Case<'_>,
+    list: &[Trial],
+    answer: &[usize],
+) -> Result<Option<Pair>, IdentificationError> {
     let options = &case.options.claim;
     let mut firsts: Vec<usize> = answer.to_vec();
     firsts.extend((0..list.len()).filter(|i| !answer.contains(i) && list[*i].refit.is_some()));
     let mut best: Option<(f64, Pair)> = None;
     for first in firsts.into_iter().take(FIRSTS) {
-        let Some(baseline) = list[first].refit.clone() else { continue };
+        let Some(baseline) = list[first].refit.clone() else {
+            continue;
+        };
         let base = Fitted::new(case, baseline);
         let names = addable(&base.baseline.structure, case.options);
         let seconds = trials(case, &base, &names)?;
         let found = seconds.iter().find(|t| {
-            t.evidence.as_ref().is_some_and(|e| objections(e, options).is_empty() && reaches(e, options))
+            t.evidence
+                .as_ref()
+                .is_some_and(|e| objections(e, options).is_empty() && reaches(e, options))
         });
-        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit()?))) else { continue };
+        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit()?))) else {
+            continue;
+        };
         let criterion = fit.bayesian_information();
         if best.as_ref().is_none_or(|(known, _)| criterion < *known) {
-            let pair = Pair { first, second: second.name(), chi_square: fit.chi_square_per_row() };
+            let pair = Pair {
+                first,
+                second: second.name(),
+                chi_square: fit.chi_square_per_row(),
+            };
             best = Some((criterion, pair));
         }
     }
@@ -186,11 +223,17 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
     let options = &case.options.claim;
     let chi_square = base.chi_square();
     let (status, reason) = if case.judged.len() < 2 {
-        (Status::CannotJudge, "one event cannot show whether a model of it holds for others".to_owned())
+        (
+            Status::CannotJudge,
+            "one event cannot show whether a model of it holds for others".to_owned(),
+        )
     } else if chi_square < 2.0 * options.floor {
         (
             Status::Adequate,
-            format!("the misfit is {chi_square:.2} per sample, where the noise alone leaves about {:.1}", options.floor),
+            format!(
+                "the misfit is {chi_square:.2} per sample, where the noise alone leaves about {:.1}",
+                options.floor
+            ),
         )
     } else {
         (
@@ -201,13 +244,20 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
             ),
         )
     };
-    Decision { status, answer: Vec::new(), reasons: vec![reason], second: None }
+    Decision {
+        status,
+        answer: Vec::new(),
+        reasons: vec![reason],
+        second: None,
+    }
 }
 
 fn companion_decision(case: &Case<'_>, with: &Fitted, before: Decision, place: usize) -> Decision {
     let chi_square = with.chi_square();
     let enough = chi_square < 2.0 * case.options.claim.floor;
-    let mut reasons = vec![format!("with {COMPANION} the misfit is {chi_square:.2} per sample")];
+    let mut reasons = vec![format!(
+        "with {COMPANION} the misfit is {chi_square:.2} per sample"
+    )];
     if !enough {
         reasons.extend(before.reasons);
     }

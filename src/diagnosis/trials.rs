@@ -44,7 +44,9 @@ impl Trial {
     }
 
     pub(super) fn delta_bic(&self) -> f64 {
-        self.evidence.as_ref().map_or(f64::INFINITY, |e| e.delta_bic)
+        self.evidence
+            .as_ref()
+            .map_or(f64::INFINITY, |e| e.delta_bic)
     }
 
     pub(super) fn fit(&self) -> Option<&ComposedFit> {
@@ -84,13 +86,27 @@ pub(super) fn gate_misfit(case: &Case<'_>, fit: &ComposedFit) -> Option<GateMisf
 
 /// Tries every effect that may be added, best first: refitted ones by the criterion, then the others
 /// by their score.
-pub(super) fn trials(case: &Case<'_>, base: &Fitted, names: &[&'static str]) -> Result<Vec<Trial>, IdentificationError> {
+pub(super) fn trials(
+    case: &Case<'_>,
+    base: &Fitted,
+    names: &[&'static str],
+) -> Result<Vec<Trial>, IdentificationError> {
     let mut list = screened(case, base, names)?;
     let rows = base.baseline.all.rows as f64;
     let worth = |t: &Trial| t.score.gain > HOPELESS_GAIN * rows.ln();
-    let refits = list.iter().filter(|t| worth(t)).count().min(case.options.refits_max);
-    for (done, trial) in list.iter_mut().filter(|t| worth(t)).take(refits).enumerate() {
-        case.watcher.says(format!("trying {}", trial.name()), done, refits);
+    let refits = list
+        .iter()
+        .filter(|t| worth(t))
+        .count()
+        .min(case.options.refits_max);
+    for (done, trial) in list
+        .iter_mut()
+        .filter(|t| worth(t))
+        .take(refits)
+        .enumerate()
+    {
+        case.watcher
+            .says(format!("trying {}", trial.name()), done, refits);
         refit(case, base, trial)?;
     }
     list.sort_by(|a, b| {
@@ -113,13 +129,18 @@ pub(super) fn addable(structure: &Structure, options: &DiagnosisOptions) -> Vec<
     all.filter(may).collect()
 }
 
-fn screened(case: &Case<'_>, base: &Fitted, names: &[&'static str]) -> Result<Vec<Trial>, IdentificationError> {
+fn screened(
+    case: &Case<'_>,
+    base: &Fitted,
+    names: &[&'static str],
+) -> Result<Vec<Trial>, IdentificationError> {
     let baseline = &base.baseline;
     let squares: f64 = baseline.all.squares.iter().sum();
     let mut list = Vec::with_capacity(names.len());
     for (done, name) in names.iter().enumerate() {
         case.watcher.check()?;
-        case.watcher.says(format!("looking for {name}"), done, names.len());
+        case.watcher
+            .says(format!("looking for {name}"), done, names.len());
         let origins = baseline.origins();
         let scores = composed::screen(
             &case.judged,
@@ -147,7 +168,12 @@ fn screened(case: &Case<'_>, base: &Fitted, names: &[&'static str]) -> Result<Ve
 
 fn refit(case: &Case<'_>, base: &Fitted, trial: &mut Trial) -> Result<(), IdentificationError> {
     let baseline = &base.baseline;
-    let added = baseline.with(&case.judged, trial.name(), &case.options.composed, case.watcher.cancel)?;
+    let added = baseline.with(
+        &case.judged,
+        trial.name(),
+        &case.options.composed,
+        case.watcher.cancel,
+    )?;
     case.watcher.check()?;
     let Some(added) = added else { return Ok(()) };
     let before = &baseline.all;
@@ -165,7 +191,9 @@ fn refit(case: &Case<'_>, base: &Fitted, trial: &mut Trial) -> Result<(), Identi
 }
 
 fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {
-    let (Some(before), Some(fit)) = (&base.gate, trial.fit()) else { return };
+    let (Some(before), Some(fit)) = (&base.gate, trial.fit()) else {
+        return;
+    };
     let after = gate_misfit(case, fit);
     if let Some(evidence) = &mut trial.evidence {
         evidence.gate = Some(GateEvidence {
@@ -182,11 +210,17 @@ fn per_row(misfit: &GateMisfit) -> f64 {
 /// The amplitude that is largest against the smallest meaningful one, and that one.
 pub(super) fn amplitude(declaration: &Declaration, fit: &ComposedFit) -> (f64, f64) {
     let sizes = declaration.parameters.iter().filter_map(|p| {
-        let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) = p.role else {
+        let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) =
+            p.role
+        else {
             return None;
         };
-        let index = fit.model.index(&format!("{}.{}", declaration.name, p.name))?;
+        let index = fit
+            .model
+            .index(&format!("{}.{}", declaration.name, p.name))?;
         Some(((fit.parameters[index] - p.neutral).abs(), meaningful))
     });
-    sizes.max_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1))).unwrap_or((0.0, 1.0))
+    sizes
+        .max_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)))
+        .unwrap_or((0.0, 1.0))
 }

@@ -38,8 +38,8 @@ pub use composed_estimates::composed_parameters;
 pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
-    Identification, IdentificationError, IdentificationOptions, Split, compare, conclude, errors_on,
-    fit_aligned, identify, median_operating_point, prepare_all,
+    Identification, IdentificationError, IdentificationOptions, Split, compare, conclude,
+    errors_on, fit_aligned, identify, median_operating_point, prepare_all,
 };
 pub use measurement_chain::MeasurementChain;
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
