@@ -8,7 +8,7 @@ use super::{
     figure::{Ink, ReportError},
     number::significant,
     page::{self, drawn, legend, tile},
-    staircase::{change, staircase},
+    staircase::{staircase, step_in_words},
 };
 use crate::diagnosis::{Diagnosis, EventFailure, Improvement};
 
@@ -114,7 +114,7 @@ fn rounds(improvement: &Improvement) -> Markup {
             h2 { "How it came to this" }
             @for (index, (round, step)) in improvement.diagnoses.iter().zip(&improvement.steps).enumerate() {
                 details {
-                    summary { "Step " (index) ", " (change(step, index == 0)) ": " (round.summary) }
+                    summary { "Step " (index) ", " (step_in_words(step, index == 0)) ": " (round.summary) }
                     ul { @for reason in &round.reasons { li { (reason) } } }
                     @if !round.candidates.is_empty() { (diagnosis_tables::rivals(round)) }
                 }
