@@ -10,7 +10,7 @@ use super::{
     page::{self, drawn, legend, tile},
     staircase::{staircase, step_in_words},
 };
-use crate::diagnosis::{Diagnosis, EventFailure, Improvement};
+use crate::diagnosis::{Diagnosis, EventFailure, Improvement, ImprovementStep};
 
 /// The report of an improvement as one HTML document. The same input gives the same bytes.
 ///
@@ -64,8 +64,8 @@ fn head(improvement: &Improvement) -> Markup {
     }
 }
 
-type Figure = fn(&crate::diagnosis::ImprovementStep) -> f64;
-const QUOTED: [(&str, Figure); 3] = [
+type OfStep = fn(&ImprovementStep) -> f64;
+const QUOTED: [(&str, OfStep); 3] = [
     ("Residual over noise", |step| {
         step.errors.quoted().error_to_noise
     }),
