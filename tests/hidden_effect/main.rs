@@ -1,0 +1,185 @@
+//! Sites with a hidden effect: the plain model is rejected, the right effect is named, the error on
+//! events that were not fitted falls; and nothing is named where nothing is hidden.
+//!
+//! One small site for each kind of effect, made by the truth simulator; how often the answers are
+//! right over many sites is measured by `examples/diagnosis_study.rs` (`docs/diagnosis-rates.md`).
+#![allow(
+    clippy::unwrap_used,
+    reason = "a test that cannot make its site should fail"
+)]
+
+use loadmodeld::{
+    adapters::recordings::site_folder,
+    diagnosis::{Change, Diagnosis, DiagnosisOptions, Status, diagnose, improve},
+    disturbance::{ScreeningOptions, Window, screen},
+    measurement::Site,
+    truth::{Effect, StudyShape, study_site},
+};
+
+/// What a site has besides what is hidden; naming it is right.
+const BESIDES: [&str; 1] = ["stator_resistance"];
+
+fn site(effects: &[Effect], number: u64) -> (Site, Vec<Window>) {
+    let shape = StudyShape {
+        effects: effects.to_vec(),
+        events: 6,
+        duration_s: 6.0,
+        ..StudyShape::default()
+    };
+    let made = study_site(7, number, &shape).unwrap();
+    let site = made.options.site.clone();
+    let numbered = made.records.iter().zip(1..);
+    let windows = numbered
+        .map(|(record, number)| Window {
+            id: format!("event_{number:02}"),
+            ..site_folder::window(&site, record)
+        })
+        .filter(|window| screen(window, &ScreeningOptions::default()).usable());
+    let windows = windows.collect();
+    (site, windows)
+}
+
+fn plain() -> Vec<String> {
+    ["zip", "induction_motor"].map(str::to_owned).to_vec()
+}
+
+fn diagnosed(effects: &[Effect], number: u64) -> Diagnosis {
+    let (site, windows) = site(effects, number);
+    diagnose(
+        &site,
+        &windows,
+        &plain(),
+        &DiagnosisOptions::default(),
+        &|_| (),
+        &|| false,
+    )
+    .unwrap()
+}
+
+/// The effect is in the answer set, first or with its equals, and lowers the error at the gate.
+fn named(effect: Effect, number: u64) {
+    let found = diagnosed(&[effect], number);
+    assert_eq!(
+        found.status,
+        Status::MissingEffect,
+        "{}: {:?}",
+        found.summary,
+        found.reasons
+    );
+    assert!(
+        found.answer_set.iter().any(|e| e == effect.name()),
+        "{}: {:?}",
+        effect.name(),
+        found.answer_set
+    );
+    let candidate = found
+        .candidates
+        .iter()
+        .find(|c| c.effect == effect.name())
+        .unwrap();
+    assert!(
+        candidate.held_out_error_after < candidate.held_out_error_before,
+        "{candidate:?}"
+    );
+}
+
+#[test]
+fn nothing_is_named_where_nothing_is_hidden() {
+    let found = diagnosed(&[], 1);
+    let others: Vec<_> = found
+        .answer_set
+        .iter()
+        .filter(|e| !BESIDES.contains(&e.as_str()))
+        .collect();
+    assert!(others.is_empty(), "{others:?}: {:?}", found.reasons);
+    assert_ne!(found.status, Status::UnknownEffect, "{:?}", found.reasons);
+}
+
+#[test]
+fn a_load_that_drops_out_is_named() {
+    named(Effect::ElectronicLoadDropout, 3);
+}
+
+#[test]
+fn a_second_motor_is_named() {
+    named(Effect::SecondMotor, 2);
+}
+
+#[test]
+fn a_slow_recovery_is_named() {
+    named(Effect::ExponentialRecovery, 2);
+}
+
+#[test]
+fn a_late_channel_is_blamed_on_the_instrument() {
+    let found = diagnosed(&[Effect::TimeSkew], 2);
+    assert_eq!(
+        found.status,
+        Status::InstrumentSuspect,
+        "{}: {:?}",
+        found.summary,
+        found.reasons
+    );
+    assert_eq!(found.answer_set[0], "time_skew");
+}
+
+#[test]
+fn adding_what_is_missing_lowers_the_error_step_by_step() {
+    let (site, windows) = site(&[Effect::StaticFrequencyDependence], 2);
+    let options = DiagnosisOptions::default();
+    let found = improve(
+        &site,
+        &windows,
+        &plain(),
+        &Change::UntilAdequate,
+        &options,
+        &|_| (),
+        &|| false,
+    )
+    .unwrap();
+    let added: Vec<_> = found
+        .steps
+        .iter()
+        .filter_map(|s| s.added.as_deref())
+        .collect();
+    assert!(
+        added.contains(&"static_frequency_dependence"),
+        "{added:?}: {:?}",
+        found.last.reasons
+    );
+    let errors: Vec<f64> = found
+        .steps
+        .iter()
+        .map(|s| s.errors.quoted().error_to_noise)
+        .collect();
+    assert!(errors[errors.len() - 1] < errors[0], "{errors:?}");
+}
+
+#[test]
+fn the_same_events_give_the_same_diagnosis_in_any_order_and_on_any_number_of_threads() {
+    let (site, mut windows) = site(&[], 4);
+    let options = DiagnosisOptions::default();
+    let judge = |windows: &[Window]| {
+        diagnose(&site, windows, &plain(), &options, &|_| (), &|| false).unwrap()
+    };
+    let forward = judge(&windows);
+    windows.reverse();
+    let one_thread = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    let backward = one_thread.install(|| judge(&windows));
+    assert_eq!(format!("{forward:?}"), format!("{backward:?}"));
+}
+
+#[test]
+fn events_that_cannot_be_judged_are_said_and_do_not_fail() {
+    let (site, windows) = site(&[], 1);
+    let options = DiagnosisOptions::default();
+    let none = diagnose(&site, &[], &plain(), &options, &|_| (), &|| false).unwrap();
+    assert_eq!(none.status, Status::CannotJudge);
+    let one = diagnose(&site, &windows[..1], &plain(), &options, &|_| (), &|| false).unwrap();
+    assert!(one.answer_set.is_empty() || one.status != Status::CannotJudge);
+    let wrong = vec!["zip".to_owned(), "no_such_effect".to_owned()];
+    assert!(diagnose(&site, &windows, &wrong, &options, &|_| (), &|| false).is_err());
+}
