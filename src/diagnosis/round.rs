@@ -59,6 +59,7 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     let mut decision = decide(case, base, &list)?;
     if let Some(with) = &accompanied
         && decision.answer.is_empty()
+        && decision.status != Status::CannotJudge
     {
         // Nothing else is missing: the companion speaks for itself.
         let own = trials(case, &asked, &[COMPANION])?;
@@ -99,6 +100,9 @@ fn companion(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, Ident
 
 fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, IdentificationError> {
     let options = &case.options.claim;
+    if case.judged.len() < 2 {
+        return Ok(nothing_declared(case, base));
+    }
     let refitted: Vec<(usize, &Trial)> = list
         .iter()
         .enumerate()
@@ -225,7 +229,7 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
     let (status, reason) = if case.judged.len() < 2 {
         (
             Status::CannotJudge,
-            "one event cannot show whether a model of it holds for others".to_owned(),
+            "one event cannot show whether what explains it holds for others".to_owned(),
         )
     } else if chi_square < 2.0 * options.floor {
         (
