@@ -21,15 +21,15 @@ use std::fmt::Debug;
 
 use super::{
     Infeasible, MotorCoordinates,
-    composed::{Feeder, Instant, MotorDescription, Rest, Series, Step},
+    composed::{Feeder, Instant, Motor, MotorDescription, Rest, Series, Step},
 };
-use crate::numerics::{Dual, Elementary};
+use crate::numerics::{Elementary, Sensitivities};
 
 /// Derivatives carried by one pass; more wanted parameters take several passes.
 pub const LANES: usize = 8;
 
 /// The scalar of a sensitivity pass.
-pub type Sensitivity = Dual<LANES>;
+pub type Sensitivity = Sensitivities<{ LANES / 2 }>;
 
 /// Whether an effect is a property of the load or of the instrument that looks at it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -408,6 +408,16 @@ pub trait Equations<S: Elementary> {
         Feeder::none()
     }
 
+    /// A motor besides that of the model. It is computed once per simulation and handed to the other
+    /// methods as [`Rest::own_motor`].
+    ///
+    /// # Errors
+    ///
+    /// [`Infeasible`] when it has no steady state.
+    fn own_motor(&self, _p: &[S], _rest: &Rest<S>) -> Result<Option<Motor<S>>, Infeasible> {
+        Ok(None)
+    }
+
     /// The states at rest; they are zero before the call.
     ///
     /// # Errors
@@ -458,6 +468,19 @@ pub trait Declared: Debug + Send + Sync {
     /// depend on the motor found so far.
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         vec![self.declaration().shapes().map(|p| p.typical).collect()]
+    }
+
+    /// Parameters, as indices into those declared, of which only [`Equations::power`],
+    /// [`Equations::motor_active_factor`] and [`Equations::measure`] make use, so that no state depends on
+    /// them. Their derivatives cost no integration. By default all of an effect that acts nowhere else.
+    fn beside_the_states(&self) -> Vec<usize> {
+        const BESIDE: [Place; 3] = [Place::Power, Place::MotorActivePower, Place::Measurement];
+        let declared = self.declaration();
+        if declared.acts_on.iter().all(|place| BESIDE.contains(place)) {
+            (0..declared.parameters.len()).collect()
+        } else {
+            Vec::new()
+        }
     }
 }
 

@@ -50,18 +50,22 @@ pub trait Scalar: Arithmetic + Div<Output = Self> {
 }
 
 impl Scalar for f64 {
+    #[inline(always)]
     fn constant(value: f64) -> Self {
         value
     }
 
+    #[inline(always)]
     fn value(self) -> f64 {
         self
     }
 
+    #[inline(always)]
     fn sqrt(self) -> Self {
         Self::sqrt(self)
     }
 
+    #[inline(always)]
     fn exp(self) -> Self {
         Self::exp(self)
     }

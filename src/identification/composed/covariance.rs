@@ -10,6 +10,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
+use crate::numerics::inner_products::{cross, gram};
+
 /// The covariance of one event's rows (P then Q of every used sample), factored.
 #[derive(Clone, Debug)]
 pub(super) struct EventCovariance {
@@ -31,7 +33,7 @@ impl EventCovariance {
             column.component_mul_assign(&root_weights);
         }
         let size = basis.ncols();
-        let inner = DMatrix::identity(size, size) + basis.tr_mul(&basis);
+        let inner = DMatrix::identity(size, size) + gram(&basis);
         let factor = inner.cholesky()?;
         Some(Self {
             root_weights,
@@ -46,8 +48,8 @@ impl EventCovariance {
         for mut column in whitened.column_iter_mut() {
             column.component_mul_assign(&self.root_weights);
         }
-        let cross = self.basis.tr_mul(&whitened);
-        whitened.tr_mul(&whitened) - cross.tr_mul(&self.factor.solve(&cross))
+        let cross = cross(&self.basis, &whitened);
+        gram(&whitened) - cross.tr_mul(&self.factor.solve(&cross))
     }
 
     /// `r' Sigma^-1 r`.

@@ -1,12 +1,14 @@
 //! A local fit of a composed model from a given start.
 
+use std::sync::Mutex;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
-    problem::ComposedProblem,
-    rows::{EventRows, Scatter},
+    problem::{ComposedProblem, Linearised},
+    rows::{EventRows, Scatter, random_effects},
 };
 use crate::{
     identification::intake::PreparedEvent,
@@ -121,79 +123,101 @@ pub(super) fn fit_rows(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<ComposedFit> {
     let coordinates = Coordinates::new(model, start, free);
+    let place = Place {
+        rows,
+        model,
+        coordinates: &coordinates,
+        scatter: &options.scatter,
+        cancel,
+    };
     let bounds = coordinates.bounds();
     let mut x = coordinates.unknowns(start);
     let mut evaluations = 0;
     let mut before = f64::INFINITY;
+    let mut lowest = None;
     for round in 1..=options.rounds_max.max(1) {
-        let problem = problem_at(rows, model, &coordinates, &x, &options.scatter, cancel)?;
+        let problem = place.problem(&x, lowest)?;
         let found = local_solver::minimise(&problem, &bounds, &x, &options.local, cancel).ok()?;
         evaluations += found.cost.evaluations();
         x.clone_from(&found.x);
+        lowest = problem.into_lowest();
         let settled = before - found.value < options.settled_relative * found.value;
         if settled || round >= options.rounds_max {
-            return finished(rows, model, &coordinates, &x, options, evaluations, cancel);
+            return place.finished(&x, lowest, evaluations);
         }
         before = found.value;
     }
     None
 }
 
-fn problem_at<'a>(
+/// What stays the same in a fit.
+struct Place<'a> {
     rows: &'a [EventRows<'a>],
     model: &'a ComposedModel,
     coordinates: &'a Coordinates,
-    x: &DVector<f64>,
-    scatter: &Scatter,
+    scatter: &'a Scatter,
     cancel: &'a (dyn Fn() -> bool + Sync),
-) -> Option<ComposedProblem<'a>> {
-    let parameters = coordinates.parameters(x);
-    let covariance = |event: &EventRows<'_>| event.covariance(model, &parameters, scatter).ok()?;
-    Some(ComposedProblem {
-        model,
-        events: rows,
-        covariances: rows.iter().map(covariance).collect::<Option<_>>()?,
-        coordinates,
-        cancel,
-    })
 }
 
-fn finished(
-    rows: &[EventRows<'_>],
-    model: &ComposedModel,
-    coordinates: &Coordinates,
-    x: &DVector<f64>,
-    options: &ComposedFitOptions,
-    evaluations: u64,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Option<ComposedFit> {
-    let problem = problem_at(rows, model, coordinates, x, &options.scatter, cancel)?;
-    let parameters = coordinates.parameters(x);
-    let expansion = problem.expansion(x)?;
-    let squares = problem.squares(&parameters)?;
-    let determinants: f64 = problem
-        .covariances
-        .iter()
-        .map(EventCovariance::log_determinant)
-        .sum();
-    let slopes = DVector::from_vec(coordinates.slopes(&parameters));
-    let covariance = expansion.curvature.cholesky().map(|factor| {
-        let inverse = factor.inverse();
-        DMatrix::from_fn(slopes.len(), slopes.len(), |i, j| {
-            slopes[i] * inverse[(i, j)] * slopes[j]
+impl<'a> Place<'a> {
+    /// The problem with the covariances of a point, from memory where `known` is that point.
+    fn problem(&self, x: &DVector<f64>, known: Option<Linearised>) -> Option<ComposedProblem<'a>> {
+        let parameters = self.coordinates.parameters(x);
+        let mut wanted = self.coordinates.indices();
+        for (index, _) in random_effects(self.model, &parameters, self.scatter) {
+            if !wanted.contains(&index) {
+                wanted.push(index);
+            }
+        }
+        let point = match known.filter(|known| known.serves(&parameters, &wanted)) {
+            Some(known) => known,
+            None => Linearised::new(self.rows, self.model, parameters, wanted, self.cancel)?,
+        };
+        Some(ComposedProblem {
+            model: self.model,
+            events: self.rows,
+            covariances: point.covariances(self.rows, self.model, self.scatter)?,
+            coordinates: self.coordinates,
+            cancel: self.cancel,
+            lowest: Mutex::new(Some((point, f64::INFINITY))),
         })
-    });
-    Some(ComposedFit {
-        model: model.clone(),
-        free: coordinates.indices(),
-        objective: expansion.value,
-        minus_twice_log_likelihood: squares.iter().sum::<f64>() + determinants,
-        squares,
-        rows: rows.iter().map(EventRows::count).sum(),
-        covariance,
-        evaluations,
-        parameters,
-    })
+    }
+
+    fn finished(
+        &self,
+        x: &DVector<f64>,
+        known: Option<Linearised>,
+        evaluations: u64,
+    ) -> Option<ComposedFit> {
+        let problem = self.problem(x, known)?;
+        let parameters = self.coordinates.parameters(x);
+        let expansion = problem.expansion(x)?;
+        let covariances = &problem.covariances;
+        let lowest = problem.lowest.lock().ok()?;
+        let squares = lowest.as_ref()?.0.squares(covariances);
+        let determinants: f64 = covariances
+            .iter()
+            .map(EventCovariance::log_determinant)
+            .sum();
+        let slopes = DVector::from_vec(self.coordinates.slopes(&parameters));
+        let covariance = expansion.curvature.cholesky().map(|factor| {
+            let inverse = factor.inverse();
+            DMatrix::from_fn(slopes.len(), slopes.len(), |i, j| {
+                slopes[i] * inverse[(i, j)] * slopes[j]
+            })
+        });
+        Some(ComposedFit {
+            model: self.model.clone(),
+            free: self.coordinates.indices(),
+            objective: expansion.value,
+            minus_twice_log_likelihood: squares.iter().sum::<f64>() + determinants,
+            squares,
+            rows: self.rows.iter().map(EventRows::count).sum(),
+            covariance,
+            evaluations,
+            parameters,
+        })
+    }
 }
 
 /// `r' Sigma^-1 r` of every event under given parameters, what varies from event to event

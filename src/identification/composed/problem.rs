@@ -1,12 +1,106 @@
 //! The objective of a composed model over several events.
 
-use nalgebra::{DMatrix, DVector};
+use std::sync::Mutex;
 
-use super::{coordinates::Coordinates, covariance::EventCovariance, rows::EventRows};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{
+    coordinates::Coordinates,
+    covariance::EventCovariance,
+    rows::{EventRows, Scatter, random_effects},
+};
 use crate::{
     load_model::composed::ComposedModel,
     numerics::{Expansion, Objective},
 };
+
+/// Every event's derivative columns and residual at one point: all that objective, gradient, curvature
+/// and covariances need of a simulation.
+pub(super) struct Linearised {
+    parameters: Vec<f64>,
+    /// The parameter of each column.
+    wanted: Vec<usize>,
+    /// Of every event: the derivative columns and, last, the residual.
+    rows: Vec<DMatrix<f64>>,
+}
+
+impl Linearised {
+    /// At `parameters`, by the parameters `wanted`. The events are simulated side by side.
+    pub(super) fn new(
+        events: &[EventRows<'_>],
+        model: &ComposedModel,
+        parameters: Vec<f64>,
+        wanted: Vec<usize>,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Self> {
+        let expanded = |event: &EventRows<'_>| {
+            if cancel() {
+                return None;
+            }
+            event.expanded(model, &parameters, &wanted).ok()
+        };
+        let rows = events.par_iter().map(expanded).collect::<Option<_>>()?;
+        Some(Self {
+            parameters,
+            wanted,
+            rows,
+        })
+    }
+
+    /// Whether it is that of `parameters`, with the columns `wanted`.
+    pub(super) fn serves(&self, parameters: &[f64], wanted: &[usize]) -> bool {
+        let same = |(x, y): (&f64, &f64)| x.to_bits() == y.to_bits();
+        self.parameters.iter().zip(parameters).all(same)
+            && wanted.iter().all(|w| self.wanted.contains(w))
+    }
+
+    /// The covariances of the events here.
+    pub(super) fn covariances(
+        &self,
+        events: &[EventRows<'_>],
+        model: &ComposedModel,
+        scatter: &Scatter,
+    ) -> Option<Vec<EventCovariance>> {
+        let random = random_effects(model, &self.parameters, scatter);
+        let both = events.iter().zip(&self.rows);
+        both.map(|(event, rows)| event.covariance_of(rows, &self.wanted, &random))
+            .collect()
+    }
+
+    /// `sum_e r' Sigma^-1 r` for each event.
+    pub(super) fn squares(&self, covariances: &[EventCovariance]) -> Vec<f64> {
+        let both = self.rows.iter().zip(covariances);
+        both.map(|(rows, covariance)| {
+            covariance.square(&rows.column(self.wanted.len()).into_owned())
+        })
+        .collect()
+    }
+
+    /// Sum of the events' `A' Sigma^-1 A`, `A` being the columns of some parameters and the residual.
+    fn gram(&self, covariances: &[EventCovariance], parameters: &[usize]) -> Option<DMatrix<f64>> {
+        let place = |index: &usize| self.wanted.iter().position(|w| w == index);
+        let mut places: Vec<usize> = parameters.iter().map(place).collect::<Option<_>>()?;
+        places.push(self.wanted.len());
+        let all = places.iter().copied().eq(0..=self.wanted.len());
+        let grams: Vec<DMatrix<f64>> = self
+            .rows
+            .par_iter()
+            .zip(covariances)
+            .map(|(rows, covariance)| {
+                if all {
+                    covariance.gram(rows)
+                } else {
+                    covariance.gram(&rows.select_columns(&places))
+                }
+            })
+            .collect();
+        // In the order of the events, whatever the order in which they were done.
+        let mut grams = grams.into_iter();
+        let first = grams.next()?;
+        Some(grams.fold(first, |sum, gram| sum + gram))
+    }
+}
 
 /// Half the weighted sum of squares of all events plus the priors, at a fixed covariance:
 ///
@@ -22,20 +116,40 @@ pub(super) struct ComposedProblem<'a> {
     pub(super) covariances: Vec<EventCovariance>,
     pub(super) coordinates: &'a Coordinates,
     pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
+    /// The lowest point that was expanded, with its value.
+    pub(super) lowest: Mutex<Option<(Linearised, f64)>>,
 }
 
 impl ComposedProblem<'_> {
+    /// The lowest point that was expanded.
+    pub(super) fn into_lowest(self) -> Option<Linearised> {
+        let lowest = self.lowest.into_inner().ok()?;
+        lowest.map(|(point, _)| point)
+    }
+
     /// `sum_e r' Sigma^-1 r` for each event.
-    pub(super) fn squares(&self, parameters: &[f64]) -> Option<Vec<f64>> {
-        let mut squares = Vec::with_capacity(self.events.len());
-        for (event, covariance) in self.events.iter().zip(&self.covariances) {
+    fn squares(&self, parameters: &[f64]) -> Option<Vec<f64>> {
+        let square = |(event, covariance): (&EventRows<'_>, &EventCovariance)| {
             if (self.cancel)() {
                 return None;
             }
             let residual = event.residual(self.model, parameters).ok()?;
-            squares.push(covariance.square(&residual));
+            Some(covariance.square(&residual))
+        };
+        let both = self.events.par_iter().zip(&self.covariances);
+        both.map(square).collect()
+    }
+
+    /// The point of `parameters`, from memory if it is there.
+    fn linearised(&self, parameters: &[f64], wanted: &[usize]) -> Option<Linearised> {
+        let mut known = self.lowest.lock().ok()?;
+        let serves = |(point, _): &mut (Linearised, f64)| point.serves(parameters, wanted);
+        if let Some((point, _)) = known.take_if(serves) {
+            return Some(point);
         }
-        Some(squares)
+        drop(known);
+        let (parameters, wanted) = (parameters.to_vec(), wanted.to_vec());
+        Linearised::new(self.events, self.model, parameters, wanted, self.cancel)
     }
 }
 
@@ -55,17 +169,16 @@ impl Objective for ComposedProblem<'_> {
         let count = self.dimension();
         let parameters = self.coordinates.parameters(x);
         let wanted = self.coordinates.indices();
-        let mut sum = DMatrix::zeros(count + 1, count + 1);
-        for (event, covariance) in self.events.iter().zip(&self.covariances) {
-            if (self.cancel)() {
-                return None;
-            }
-            let rows = event.expanded(self.model, &parameters, &wanted).ok()?;
-            sum += covariance.gram(&rows);
-        }
+        let point = self.linearised(&parameters, &wanted)?;
+        let sum = point.gram(&self.covariances, &wanted)?;
         let slopes = self.coordinates.slopes(&parameters);
         let (prior, prior_gradient, precision) = self.coordinates.prior(x);
         let value = 0.5 * sum[(count, count)] + prior;
+        if let Ok(mut lowest) = self.lowest.lock()
+            && lowest.as_ref().is_none_or(|(_, known)| value <= *known)
+        {
+            *lowest = Some((point, value));
+        }
         let gradient = DVector::from_fn(count, |i, _| {
             prior_gradient[i] - slopes[i] * sum[(i, count)]
         });

@@ -115,23 +115,31 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         scatter: &Scatter,
     ) -> Result<Option<EventCovariance>, SimulationError> {
-        let mut wanted: Vec<usize> = (LINEAR_FIRST..LINEAR_FIRST + LINEAR_COUNT).collect();
-        let mut spread = scatter.composition.to_vec();
-        for (index, value) in shares(model, parameters) {
-            wanted.push(index);
-            spread.push(scatter.effect_share * value.abs());
-        }
+        let random = random_effects(model, parameters, scatter);
+        let wanted: Vec<usize> = random.iter().map(|(index, _)| *index).collect();
         let rows = self.expanded(model, parameters, &wanted)?;
-        let mut random = DMatrix::zeros(self.count(), wanted.len() + 2);
-        for (column, spread) in spread.iter().enumerate() {
-            random.set_column(column, &(rows.column(column) * *spread));
+        Ok(self.covariance_of(&rows, &wanted, &random))
+    }
+
+    /// The covariance, given the derivative columns of the parameters `wanted`, among them those that
+    /// vary.
+    pub(super) fn covariance_of(
+        &self,
+        rows: &DMatrix<f64>,
+        wanted: &[usize],
+        random: &[(usize, f64)],
+    ) -> Option<EventCovariance> {
+        let mut columns = DMatrix::zeros(self.count(), random.len() + 2);
+        for (column, (index, spread)) in random.iter().enumerate() {
+            let place = wanted.iter().position(|w| w == index)?;
+            columns.set_column(column, &(rows.column(place) * *spread));
         }
         let outputs = self.event.chain.output_voltage().len();
         let (one, none) = (vec![1.0; outputs], vec![0.0; outputs]);
         let offset = self.event.operating_point_deviation;
-        random.set_column(wanted.len(), &(self.stacked(&one, &none) * offset));
-        random.set_column(wanted.len() + 1, &(self.stacked(&none, &one) * offset));
-        Ok(EventCovariance::new(&self.deviations, &random))
+        columns.set_column(random.len(), &(self.stacked(&one, &none) * offset));
+        columns.set_column(random.len() + 1, &(self.stacked(&none, &one) * offset));
+        EventCovariance::new(&self.deviations, &columns)
     }
 
     /// P and Q at the output instants as the instrument reports them, at the used samples.
@@ -150,6 +158,21 @@ pub(super) fn drive(event: &PreparedEvent) -> Drive<'_> {
         frequency_deviation: event.chain.output_frequency_deviation(),
         reactive_at_rest: event.q0_pu / event.p0_pu,
     }
+}
+
+/// The parameters that vary from event to event, with the standard deviation of each.
+pub(super) fn random_effects(
+    model: &ComposedModel,
+    parameters: &[f64],
+    scatter: &Scatter,
+) -> Vec<(usize, f64)> {
+    let linear = LINEAR_FIRST..LINEAR_FIRST + LINEAR_COUNT;
+    let composition = linear.zip(scatter.composition);
+    let shares = shares(model, parameters);
+    let shares = shares
+        .into_iter()
+        .map(|(index, value)| (index, scatter.effect_share * value.abs()));
+    composition.chain(shares).collect()
 }
 
 /// Amplitudes that are shares of the load and not absent: they vary with its composition.

@@ -11,6 +11,8 @@ pub struct Rest<S> {
     pub motor_share: S,
     /// The motor.
     pub motor: Motor<S>,
+    /// The effect's own motor, see [`Equations::own_motor`](crate::load_model::effect::Equations::own_motor).
+    pub own_motor: Option<Motor<S>>,
     /// Constant-power part of the static load over P0, active and reactive.
     pub static_constant: [S; 2],
     /// Synchronous angular speed before the event, rad/s.

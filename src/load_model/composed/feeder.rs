@@ -8,11 +8,19 @@
 //! ```
 //!
 //! At rest `i0 = 1 - j Q0/P0`, so `u_L0 = 1 - Z i0` and the load draws what is left: P0 and Q0 hold. The
-//! load sees `u_L / u_L0`. A capacitor at the load is part of the load's `d_z`, exactly. (1) is solved by a fixed-point iteration in which the current through the
-//! motor's stator branch, nearly all of the feedback, is taken implicitly.
+//! load sees `u_L / u_L0`. A capacitor at the load is part of the load's `d_z`, exactly.
+//!
+//! (1) is a fixed point `x = g(x)` in which the current through the motor's stator branch, nearly all
+//! of the feedback, is taken implicitly. Its values come from Broyden's method (C. G. Broyden, Math.
+//! Comp. 19, 1965), which goes on with the matrix of the instant before; where that does not help, from
+//! the plain iteration. Its derivatives follow from those of `g` at the solution:
+//! `dx = (1 - dg/dx)^-1 dg/dp` (3).
 
 use super::{complex, motor::Motor};
-use crate::numerics::Elementary;
+use crate::{
+    load_model::effect::{LANES, Sensitivity},
+    numerics::Elementary,
+};
 
 /// Constants of the feeder.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,10 +42,100 @@ impl<S: Elementary> Feeder<S> {
     }
 }
 
-/// Steps of the iteration; it gains a digit or more per step where there is a solution.
+/// Steps of the iteration; the plain one gains a digit or more per step where there is a solution.
 const STEPS_MAX: usize = 60;
-/// Steps after the value has converged, for the derivatives.
-const STEPS_AFTER: usize = 2;
+/// Steps after which Broyden's method gives way to the plain iteration.
+const SECANT_STEPS_MAX: usize = 12;
+/// The step after one as short as this ends the iteration: it leaves rounding.
+const CONVERGED: f64 = 1e-13;
+/// Steps as short as this say nothing of the matrix.
+const SECANT_STEP_MIN: f64 = 1e-10;
+/// Derivatives of a [`Sensitivity`] that (3) needs for itself: the last ones.
+pub(super) const PROBES: usize = 2;
+
+/// Scalars in which a fixed point of two numbers can be had with its derivatives.
+pub(super) trait Implicit: Elementary {
+    /// Two numbers, and by themselves where derivatives are carried.
+    fn free(pair: [f64; 2]) -> [Self; 2];
+    /// The fixed point with value `at`, given the image of [`Self::free`] numbers: (3).
+    fn fixed_point(at: [f64; 2], image: [Self; 2]) -> [Self; 2];
+}
+
+impl Implicit for f64 {
+    fn free(pair: [f64; 2]) -> [Self; 2] {
+        pair
+    }
+
+    fn fixed_point(at: [f64; 2], _image: [Self; 2]) -> [Self; 2] {
+        at
+    }
+}
+
+impl Implicit for Sensitivity {
+    #[inline]
+    fn free([x, y]: [f64; 2]) -> [Self; 2] {
+        [
+            Self::variable(x, LANES - PROBES),
+            Self::variable(y, LANES - PROBES + 1),
+        ]
+    }
+
+    fn fixed_point(at: [f64; 2], image: [Self; 2]) -> [Self; 2] {
+        let by = |i: usize, j: usize| image[i].derivative(LANES - PROBES + j);
+        let (a, b) = (1.0 - by(0, 0), -by(0, 1));
+        let (c, d) = (-by(1, 0), 1.0 - by(1, 1));
+        let scale = 1.0 / (a * d - b * c);
+        let mut derivatives = [[0.0; LANES]; 2];
+        for lane in 0..LANES - PROBES {
+            let (x, y) = (image[0].derivative(lane), image[1].derivative(lane));
+            derivatives[0][lane] = (d * x - b * y) * scale;
+            derivatives[1][lane] = (a * y - c * x) * scale;
+        }
+        [
+            Self::new(at[0], &derivatives[0]),
+            Self::new(at[1], &derivatives[1]),
+        ]
+    }
+}
+
+/// Values of a solution of (1): the last point and where the step from there led.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Solution {
+    at: [f64; 2],
+    next: [f64; 2],
+}
+
+/// Broyden's matrix: what a step is, given how far the image is from its point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Secant([[f64; 2]; 2]);
+
+impl Secant {
+    /// The plain iteration: to the image.
+    pub(super) const PLAIN: Self = Self([[1.0, 0.0], [0.0, 1.0]]);
+
+    fn times(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [[a, b], [c, d]] = self.0;
+        [a * x + b * y, c * x + d * y]
+    }
+
+    /// Learns from a step that shortened the way to the image by `shortened`.
+    fn learn(&mut self, step: [f64; 2], shortened: [f64; 2]) {
+        let expected = self.times(shortened);
+        let divisor = complex::dot(step, expected);
+        let square = complex::square(step);
+        // Too far from what it knows for a rank-one change.
+        if square < SECANT_STEP_MIN * SECANT_STEP_MIN || divisor < 0.1 * square {
+            return;
+        }
+        let [[a, b], [c, d]] = self.0;
+        let row = [step[0] * a + step[1] * c, step[0] * b + step[1] * d];
+        for (i, matrix_row) in self.0.iter_mut().enumerate() {
+            let more = (step[i] - expected[i]) / divisor;
+            *matrix_row = [matrix_row[0] + more * row[0], matrix_row[1] + more * row[1]];
+        }
+    }
+}
+
 /// Square of the voltage below which the current does not rise any further.
 const VOLTAGE_SQUARE_MIN: f64 = 0.01;
 
@@ -55,7 +153,7 @@ pub(super) struct Network<S> {
     divisor: [S; 2],
 }
 
-impl<S: Elementary> Network<S> {
+impl<S: Implicit> Network<S> {
     pub(super) fn new(
         feeder: &Feeder<S>,
         rest_reactive: f64,
@@ -84,33 +182,70 @@ impl<S: Elementary> Network<S> {
 
     /// Solves (1) for the load's own phasor `u_L / u_L0`, starting from `guess`; `load` gives power
     /// over P0 as if the load were at the measured bus. `None` when there is no solution nearby.
-    pub(super) fn load_phasor(
+    pub(super) fn solve(
         &self,
         u: [S; 2],
-        guess: [S; 2],
+        guess: [f64; 2],
+        secant: &mut Secant,
         load: impl Fn([S; 2]) -> [S; 2],
-    ) -> Option<[S; 2]> {
-        let mut at = complex::product(guess, self.rest);
-        let mut after = 0;
-        for _ in 0..STEPS_MAX {
-            let own = complex::quotient(at, self.rest);
-            let current = self.current(at, load(own));
-            let explicit = complex::difference(current, complex::product(self.implicit, at));
-            let drop = complex::product(self.impedance, explicit);
-            let next = complex::product(complex::difference(u, drop), self.divisor);
-            let moved = (next[0] - at[0]).value().hypot((next[1] - at[1]).value());
-            at = next;
-            if !moved.is_finite() {
-                return None;
-            }
-            if moved < 1e-11 {
-                after += 1;
-                if after > STEPS_AFTER {
-                    return Some(complex::quotient(at, self.rest));
+    ) -> Option<(Solution, [S; 2])> {
+        let mut at = complex::product(guess, self.rest.map(S::value));
+        let mut before: Option<([f64; 2], [f64; 2])> = None;
+        let mut close = false;
+        for count in 0..STEPS_MAX {
+            let image = self.image(u, at, &load);
+            let ahead = [image[0].value() - at[0], image[1].value() - at[1]];
+            if count >= SECANT_STEPS_MAX {
+                *secant = Secant::PLAIN;
+            } else if let Some((step, last)) = before {
+                if complex::square(ahead) > complex::square(last) {
+                    *secant = Secant::PLAIN;
+                } else {
+                    secant.learn(step, complex::difference(last, ahead));
                 }
             }
+            let step = secant.times(ahead);
+            let next = complex::sum(at, step);
+            if close {
+                let solution = Solution { at, next };
+                return Some((solution, self.own_phasor(&solution, image)));
+            }
+            at = next;
+            let square = complex::square(step);
+            if !square.is_finite() {
+                break;
+            }
+            close = square < CONVERGED * CONVERGED;
+            before = Some((step, ahead));
         }
+        *secant = Secant::PLAIN;
         None
+    }
+
+    /// The phasor of a solution whose values are known.
+    pub(super) fn known(
+        &self,
+        u: [S; 2],
+        solution: &Solution,
+        load: impl Fn([S; 2]) -> [S; 2],
+    ) -> [S; 2] {
+        self.own_phasor(solution, self.image(u, solution.at, &load))
+    }
+
+    #[inline]
+    fn own_phasor(&self, solution: &Solution, image: [S; 2]) -> [S; 2] {
+        complex::quotient(S::fixed_point(solution.next, image), self.rest)
+    }
+
+    /// `g` at a phasor of the load.
+    #[inline]
+    fn image(&self, u: [S; 2], at: [f64; 2], load: &impl Fn([S; 2]) -> [S; 2]) -> [S; 2] {
+        let at = S::free(at);
+        let load = load(complex::quotient(at, self.rest));
+        let explicit =
+            complex::difference(self.current(at, load), complex::product(self.implicit, at));
+        let drop = complex::product(self.impedance, explicit);
+        complex::product(complex::difference(u, drop), self.divisor)
     }
 
     /// (2) for a load with this phasor and power over P0.
@@ -119,6 +254,7 @@ impl<S: Elementary> Network<S> {
         complex::product(u, complex::conjugate(current))
     }
 
+    #[inline]
     fn current(&self, at: [S; 2], load: [S; 2]) -> [S; 2] {
         let square = complex::square(at);
         let weight = if square.value() < VOLTAGE_SQUARE_MIN {
@@ -129,6 +265,6 @@ impl<S: Elementary> Network<S> {
         let active = self.rest_power[0] * load[0];
         let reactive = self.rest_power[1] + self.rest_power[0] * (load[1] + -self.rest_reactive);
         // conj(P + jQ) u / |u|^2
-        complex::product([active, -reactive], at).map(|part| part * weight)
+        complex::scaled(complex::product([active, -reactive], at), weight)
     }
 }

@@ -16,8 +16,10 @@ pub(super) mod complex;
 mod context;
 mod feeder;
 mod grid;
+mod kept;
 mod motor;
 mod run;
+mod runge_kutta;
 
 #[cfg(test)]
 pub(super) mod contract;
@@ -33,11 +35,13 @@ pub use motor::{Motor, MotorDescription, MotorState};
 
 use super::{
     Infeasible, LinearCoefficients, MotorCoordinates, Structure, TerminalInput,
-    effect::{Effect, LANES, Parameter, Role, Sensitivity},
+    effect::{Effect, LANES, Parameter, Place, Role, Sensitivity},
 };
 use crate::numerics::Scalar;
+use feeder::PROBES;
 use grid::Grid;
-use run::{Active, Output, Pass};
+use kept::Kept;
+use run::{Active, Course, Output, Pass};
 
 /// What drives a composed model in one event.
 #[derive(Clone, Copy, Debug)]
@@ -200,11 +204,14 @@ impl ComposedModel {
     }
 
     /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the
-    /// vector, any order). The values do not depend on what is wanted. Cost: one pass with `f64` and
-    /// one pass with [`Sensitivity`] for every [`LANES`] wanted parameters.
+    /// vector, any order). The values do not depend on what is wanted. Cost: an integration with
+    /// [`Sensitivity`] for every [`LANES`] wanted parameters that act on states (all of them behind a
+    /// feeder, [`LANES`] less two at a time), an evaluation at the output instants for every [`LANES`]
+    /// others; one with `f64` where none acts on states.
     ///
     /// An effect whose amplitudes are all neutral takes no part in the values; where one of its
-    /// amplitudes is wanted the derivative there is the one-sided one.
+    /// amplitudes is wanted the derivatives are those of a model in which it takes part, that by the
+    /// amplitude the one-sided one.
     ///
     /// # Errors
     ///
@@ -217,31 +224,100 @@ impl ComposedModel {
     ) -> Result<Response, SimulationError> {
         self.check(parameters, wanted, drive)?;
         let grid = Grid::new(drive.terminal);
-        let [active, reactive] = self.pass(drive, &grid, |i| parameters[i], parameters, &[])?;
-        let mut response = Response {
-            active,
-            reactive,
-            ..Response::default()
+        let (present, acting) = (
+            self.acting(parameters, &[]),
+            self.acting(parameters, wanted),
+        );
+        let network = acting
+            .iter()
+            .any(|&e| self.effects[e].0.declaration().acts_on(Place::Feeder));
+        let (mut beside, mut inside): (Vec<usize>, Vec<usize>) =
+            (0..wanted.len()).partition(|&w| !network && self.is_beside_the_states(wanted[w]));
+        let width = if network { LANES - PROBES } else { LANES };
+        // What an integration can carry at no cost, where that saves an evaluation.
+        let spare = inside.len().next_multiple_of(width) - inside.len();
+        let left = beside.len().saturating_sub(spare);
+        if left.div_ceil(LANES) < beside.len().div_ceil(LANES) {
+            inside.extend(beside.split_off(left));
+        }
+        let plain = |effects: &[usize], kept: &mut Kept| {
+            let course = Course::Integrate(kept);
+            self.pass::<f64>(drive, &grid, |i| parameters[i], effects, course)
         };
-        for lanes in wanted.chunks(LANES) {
-            let variable = |i: usize| match lanes.iter().position(|w| *w == i) {
+        let mut columns = vec![[Vec::new(), Vec::new()]; wanted.len()];
+        let mut sensitive = |lanes: &[usize], course: Course<'_>| {
+            let variable = |i: usize| match lanes.iter().position(|w| wanted[*w] == i) {
                 Some(lane) => Sensitivity::variable(parameters[i], lane),
                 None => Sensitivity::constant(parameters[i]),
             };
-            let [active, reactive] = self.pass(drive, &grid, variable, parameters, lanes)?;
-            for lane in 0..lanes.len() {
-                for series in [&active, &reactive] {
-                    let lost = series.iter().position(|y| !y.derivatives[lane].is_finite());
-                    if let Some(output) = lost {
+            let found = self.pass(drive, &grid, variable, &acting, course)?;
+            for (lane, &place) in lanes.iter().enumerate() {
+                columns[place] = [0, 1].map(|c| derivatives(&found[c], lane));
+                for column in &columns[place] {
+                    if let Some(output) = column.iter().position(|d| !d.is_finite()) {
                         return Err(SimulationError::NotFinite { output });
                     }
                 }
-                let column = |y: &[Sensitivity]| y.iter().map(|y| y.derivatives[lane]).collect();
-                response.active_derivatives.push(column(&active));
-                response.reactive_derivatives.push(column(&reactive));
             }
+            Ok(found.map(|series| series.iter().map(|y| y.value).collect::<Vec<f64>>()))
+        };
+        let mut values = None;
+        if present != acting || wanted.is_empty() {
+            values = Some(plain(&present, &mut Kept::default())?);
         }
-        Ok(response)
+        let mut kept = Kept::new(!beside.is_empty());
+        // Values first where they help the derivatives, or are all that these need.
+        let helps = network || inside.is_empty();
+        if helps && !wanted.is_empty() {
+            let found = plain(&acting, &mut kept)?;
+            values.get_or_insert(found);
+        }
+        for lanes in inside.chunks(width) {
+            let found = sensitive(lanes, Course::Integrate(&mut kept))?;
+            values.get_or_insert(found);
+        }
+        for lanes in beside.chunks(LANES) {
+            sensitive(lanes, Course::Replay(&kept))?;
+        }
+        let [active, reactive] = values.unwrap_or_default();
+        let (active_derivatives, reactive_derivatives) =
+            columns.into_iter().map(|[p, q]| (p, q)).unzip();
+        Ok(Response {
+            active,
+            reactive,
+            active_derivatives,
+            reactive_derivatives,
+        })
+    }
+
+    /// The effects that take part where derivatives by the `wanted` parameters are asked for, as indices.
+    fn acting(&self, parameters: &[f64], wanted: &[usize]) -> Vec<usize> {
+        let acts = |e: &usize| {
+            let (effect, places) = &self.effects[*e];
+            let own: Vec<f64> = places.iter().map(|&i| parameters[i]).collect();
+            let amplitude_wanted = places
+                .iter()
+                .any(|i| wanted.contains(i) && self.parameters[*i].declaration.is_amplitude());
+            amplitude_wanted || !effect.declaration().is_neutral(&own)
+        };
+        (0..self.effects.len()).filter(acts).collect()
+    }
+
+    /// Whether no state depends on a parameter while the load sees the measured phasor.
+    fn is_beside_the_states(&self, index: usize) -> bool {
+        let parameter = &self.parameters[index];
+        if parameter.declaration.role == Role::Base {
+            return index >= BASE_PARAMETERS - LinearCoefficients::COUNT;
+        }
+        let owner =
+            |(e, _): &&(&'static dyn Effect, _)| parameter.effect == Some(e.declaration().name);
+        self.effects
+            .iter()
+            .find(owner)
+            .is_some_and(|(effect, places)| {
+                let own = effect.beside_the_states();
+                own.into_iter().any(|i| places.get(i) == Some(&index))
+            })
     }
 
     fn check(
@@ -275,18 +351,12 @@ impl ComposedModel {
         drive: &Drive<'_>,
         grid: &Grid,
         value: impl Fn(usize) -> S,
-        parameters: &[f64],
-        wanted: &[usize],
+        effects: &[usize],
+        course: Course<'_>,
     ) -> Result<Output<S>, SimulationError> {
         let mut active: Vec<Active<'_, S>> = Vec::new();
-        for (effect, places) in &self.effects {
-            let own: Vec<f64> = places.iter().map(|&i| parameters[i]).collect();
-            let amplitude_wanted = places
-                .iter()
-                .any(|i| wanted.contains(i) && self.parameters[*i].declaration.is_amplitude());
-            if effect.declaration().is_neutral(&own) && !amplitude_wanted {
-                continue;
-            }
+        for &e in effects {
+            let (effect, places) = &self.effects[e];
             let first_state = active.last().map_or(0, Active::end);
             let values = places.iter().map(|&i| value(i)).collect();
             active.push(Active::new(*effect, values, first_state));
@@ -297,6 +367,10 @@ impl ComposedModel {
             kappa: value(2),
         };
         let linear: [S; LinearCoefficients::COUNT] = std::array::from_fn(|i| value(3 + i));
-        run::run(drive, grid, motor, linear, &active)
+        run::run(drive, grid, motor, linear, &active, course)
     }
+}
+
+fn derivatives(series: &[Sensitivity], lane: usize) -> Vec<f64> {
+    series.iter().map(|y| y.derivative(lane)).collect()
 }

@@ -25,9 +25,14 @@
 //! Source: (1)-(4) reference paper (9), (10) with the stator of Kundur, "Power System Stability and
 //! Control", 7.2, checked against that circuit in `composed::tests`; (5) the fifth-order motor of PSAT as in `OpenIPSL`, `Electrical/Machines/PSAT/MotorTypeV.mo` (verified).
 
+#![allow(
+    clippy::inline_always,
+    reason = "a step is a few operations; a call would cost more than they do"
+)]
+
 use std::ops::{Add, Mul};
 
-use super::complex;
+use super::{complex, runge_kutta::runge_kutta};
 use crate::{
     load_model::{Infeasible, MotorCoordinates, effect::TYPICAL_MOTOR_REACTANCE},
     numerics::{
@@ -227,6 +232,7 @@ impl<S: Elementary> Motor<S> {
 
     /// Active and reactive power drawn at the phasor `u`, the latter without `|u|^2 / x`.
     #[must_use]
+    #[inline(always)]
     pub fn power<V: Copy>(&self, state: &MotorState<S>, u: [V; 2]) -> [S; 2]
     where
         S: Mul<V, Output = S> + Add<V, Output = S>,
@@ -244,6 +250,7 @@ impl<S: Elementary> Motor<S> {
         [i_re * re + i_im * im, i_re * im - i_im * re - shunt]
     }
 
+    #[inline(always)]
     fn current<V: Copy>(&self, state: &MotorState<S>, [re, im]: [V; 2]) -> [S; 2]
     where
         S: Mul<V, Output = S> + Add<V, Output = S>,
@@ -289,11 +296,13 @@ impl<S: Elementary> Motor<S> {
     }
 
     /// The rotor stands still at most: a stalled motor does not turn backwards.
+    #[inline(always)]
     fn not_backwards(&self, mut state: MotorState<S>) -> MotorState<S> {
         state.speed_rad_s = at_least(state.speed_rad_s, -self.synchronous_speed_rad_s);
         state
     }
 
+    #[inline(always)]
     fn plain_step<V: Copy>(
         &self,
         state: &MotorState<S>,
@@ -304,16 +313,21 @@ impl<S: Elementary> Motor<S> {
         S: Mul<V, Output = S> + Add<V, Output = S>,
     {
         let b0 = self.rest.flux[1];
-        let slopes = |[a, b, s]: [S; 3], [re, im]: [V; 2]| {
-            let torque = b * re - a * im;
-            [
-                self.alpha * (-a + re) - s * b,
-                self.alpha * (-b + im) + s * a,
-                self.nu * (b0 - torque),
-            ]
-        };
         let start = [state.flux[0], state.flux[1], state.speed_rad_s];
-        let [a, b, s] = runge_kutta(slopes, start, u, duration_s);
+        let [a, b, s] = runge_kutta(
+            #[inline(always)]
+            |[a, b, s]: [S; 3], [re, im]: [V; 2]| {
+                let torque = b * re - a * im;
+                [
+                    self.alpha * (-a + re) - s * b,
+                    self.alpha * (-b + im) + s * a,
+                    self.nu * (b0 - torque),
+                ]
+            },
+            start,
+            u,
+            duration_s,
+        );
         MotorState {
             flux: [a, b],
             second: state.second,
@@ -321,6 +335,7 @@ impl<S: Elementary> Motor<S> {
         }
     }
 
+    #[inline(always)]
     fn detailed_step<V: Copy>(
         &self,
         state: &MotorState<S>,
@@ -335,32 +350,42 @@ impl<S: Elementary> Motor<S> {
         let s = state.speed_rad_s;
         if self.detail.second_cage.is_some() {
             let start = [a, b, s, state.second[0], state.second[1]];
-            let slopes = |[a, b, s, c, d]: [S; 5], u: [V; 2]| {
-                let state = MotorState {
-                    flux: [a, b],
-                    second: [c, d],
-                    speed_rad_s: s,
-                };
-                let ([da, db], [dc, dd], ds) = self.slopes(&state, u, connected);
-                [da, db, ds, dc, dd]
-            };
-            let [a, b, s, c, d] = runge_kutta(slopes, start, u, duration_s);
+            let [a, b, s, c, d] = runge_kutta(
+                #[inline(always)]
+                |[a, b, s, c, d]: [S; 5], u: [V; 2]| {
+                    let state = MotorState {
+                        flux: [a, b],
+                        second: [c, d],
+                        speed_rad_s: s,
+                    };
+                    let ([da, db], [dc, dd], ds) = self.slopes(&state, u, connected);
+                    [da, db, ds, dc, dd]
+                },
+                start,
+                u,
+                duration_s,
+            );
             return MotorState {
                 flux: [a, b],
                 second: [c, d],
                 speed_rad_s: s,
             };
         }
-        let slopes = |[a, b, s]: [S; 3], u: [V; 2]| {
-            let state = MotorState {
-                flux: [a, b],
-                second: state.second,
-                speed_rad_s: s,
-            };
-            let ([da, db], _, ds) = self.slopes(&state, u, connected);
-            [da, db, ds]
-        };
-        let [a, b, s] = runge_kutta(slopes, [a, b, s], u, duration_s);
+        let [a, b, s] = runge_kutta(
+            #[inline(always)]
+            |[a, b, s]: [S; 3], u: [V; 2]| {
+                let state = MotorState {
+                    flux: [a, b],
+                    second: state.second,
+                    speed_rad_s: s,
+                };
+                let ([da, db], _, ds) = self.slopes(&state, u, connected);
+                [da, db, ds]
+            },
+            [a, b, s],
+            u,
+            duration_s,
+        );
         MotorState {
             flux: [a, b],
             second: state.second,
@@ -369,6 +394,7 @@ impl<S: Elementary> Motor<S> {
     }
 
     /// Equations (1) to (5): slopes of `e'`, `e''` and `s`.
+    #[inline(always)]
     fn slopes<V: Copy>(
         &self,
         state: &MotorState<S>,
@@ -381,14 +407,14 @@ impl<S: Elementary> Motor<S> {
         let d = &self.detail;
         let mut current = self.current(state, u);
         if let Some(share) = connected {
-            current = current.map(|i| i * share);
+            current = [current[0] * share, current[1] * share];
         }
         let [e_re, e_im] = state.flux;
         let s = state.speed_rad_s;
         let mut held = state.flux;
         if let Some(curve) = d.saturation {
             let factor = saturation_factor(curve, state.flux);
-            held = held.map(|e| e * factor);
+            held = [held[0] * factor, held[1] * factor];
         }
         let flux = [
             -(s * e_im) - (held[0] + d.difference * current[1]) * d.decay_per_s,
@@ -411,36 +437,25 @@ impl<S: Elementary> Motor<S> {
         (flux, second, speed)
     }
 
+    #[inline(always)]
     fn load_torque(&self, speed_rad_s: S) -> S {
         // A drive that has come to rest still has this share of its speed in the power law, which
         // has no finite slope at 0.
         const SPEED_RATIO_MIN: f64 = 0.05;
         let rest = self.detail.rest_torque;
-        self.detail.torque_exponent.map_or(rest, |m| {
-            let at = |s: S| s + self.synchronous_speed_rad_s;
-            let ratio = at(speed_rad_s) / at(self.rest.speed_rad_s);
-            rest * power(at_least(ratio, SPEED_RATIO_MIN), m)
-        })
+        let Some(exponent) = self.detail.torque_exponent else {
+            return rest;
+        };
+        let synchronous = self.synchronous_speed_rad_s;
+        let ratio = (speed_rad_s + synchronous) / (self.rest.speed_rad_s + synchronous);
+        rest * power(at_least(ratio, SPEED_RATIO_MIN), exponent)
     }
 }
 
+#[inline(always)]
 fn saturation_factor<S: Elementary>([strength, knee]: [S; 2], flux: [S; 2]) -> S {
     let above = at_least(complex::modulus(flux) - knee, 0.0);
     strength * above * above + 1.0
-}
-
-fn runge_kutta<S: Scalar, V: Copy, const N: usize>(
-    slopes: impl Fn([S; N], [V; 2]) -> [S; N],
-    x: [S; N],
-    u: [[V; 2]; 3],
-    h: f64,
-) -> [S; N] {
-    let ahead = |k: &[S; N], by: f64| std::array::from_fn(|i| x[i] + k[i] * by);
-    let k1 = slopes(x, u[0]);
-    let k2 = slopes(ahead(&k1, 0.5 * h), u[1]);
-    let k3 = slopes(ahead(&k2, 0.5 * h), u[1]);
-    let k4 = slopes(ahead(&k3, h), u[2]);
-    std::array::from_fn(|i| x[i] + (k1[i] + (k2[i] + k3[i]) * 2.0 + k4[i]) * (h / 6.0))
 }
 
 /// The branches of the detailed motor at rest, seen from its terminals.

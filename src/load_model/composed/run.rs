@@ -3,8 +3,9 @@
 
 use super::{
     Drive, Instant, MotorDescription, Rest, Series, SimulationError, Step, complex,
-    feeder::Network,
+    feeder::{Implicit, Network, Secant, Solution},
     grid::Grid,
+    kept::Kept,
     motor::{Motor, MotorState},
 };
 use crate::{
@@ -16,7 +17,7 @@ use crate::{
 };
 
 /// The two scalars of a simulation.
-pub(super) trait Pass: Elementary + 'static {
+pub(super) trait Pass: Implicit + 'static {
     fn equations(effect: &dyn Effect) -> &dyn Equations<Self>;
 }
 
@@ -55,18 +56,48 @@ impl<'a, S: Pass> Active<'a, S> {
     pub(super) fn end(&self) -> usize {
         self.first_state + self.declaration.states.len()
     }
+}
 
+/// How a pass comes to its states.
+pub(super) enum Course<'k> {
+    /// By integration, which takes from the passes before what it needs, and adds what those after it
+    /// may need.
+    Integrate(&'k mut Kept),
+    /// As they were in a pass before: for derivatives by what does not act on them.
+    Replay(&'k Kept),
+}
+
+/// An effect with the operating point that it sees.
+struct Acting<'r, 'a, S> {
+    effect: &'r Active<'a, S>,
+    rest: Rest<S>,
+}
+
+impl<S: Pass> Acting<'_, '_, S> {
     fn own<'s>(&self, states: &'s [S]) -> &'s [S] {
-        states.get(self.first_state..self.end()).unwrap_or(&[])
+        let end = self.effect.end();
+        states.get(self.effect.first_state..end).unwrap_or(&[])
+    }
+
+    fn acts_on(&self, place: Place) -> bool {
+        self.effect.declaration.acts_on(place)
+    }
+
+    fn parameters(&self) -> &[S] {
+        &self.effect.parameters
+    }
+
+    fn equations(&self) -> &dyn Equations<S> {
+        self.effect.equations
     }
 }
 
 /// The effects of a pass by the place where they act.
 struct Places<'r, 'a, S> {
-    gain: Vec<&'r Active<'a, S>>,
-    motor_active: Vec<&'r Active<'a, S>>,
-    power: Vec<&'r Active<'a, S>>,
-    states: Vec<&'r Active<'a, S>>,
+    gain: Vec<&'r Acting<'r, 'a, S>>,
+    motor_active: Vec<&'r Acting<'r, 'a, S>>,
+    power: Vec<&'r Acting<'r, 'a, S>>,
+    states: Vec<&'r Acting<'r, 'a, S>>,
 }
 
 /// All that stays the same during a pass.
@@ -80,15 +111,31 @@ struct Simulation<'r, 'a, S> {
     /// Whether the load sees another phasor than the measured one.
     coupled: bool,
     frequency: Vec<S>,
+    /// Solutions at the load that a pass before has found, in order.
+    known: Vec<Solution>,
 }
 
 /// What moves during a pass.
 #[derive(Clone)]
-struct Now<S> {
-    motor: MotorState<S>,
-    effects: Vec<S>,
+pub(super) struct Now<S> {
+    pub(super) motor: MotorState<S>,
+    pub(super) effects: Vec<S>,
     /// Phasor at the load over the measured one.
     ratio: [S; 2],
+    secant: Secant,
+    /// Solutions at the load so far.
+    solutions: Vec<Solution>,
+}
+
+impl<S: Pass> Now<S> {
+    /// Takes over the state of another, and its list of solutions.
+    fn exchange(&mut self, other: &mut Self) {
+        self.motor = other.motor;
+        self.effects.copy_from_slice(&other.effects);
+        self.ratio = other.ratio;
+        self.secant = other.secant;
+        std::mem::swap(&mut self.solutions, &mut other.solutions);
+    }
 }
 
 /// An output instant, or somewhere before the next.
@@ -109,44 +156,61 @@ pub(super) fn run<S: Pass>(
     motor: MotorCoordinates<S>,
     linear: [S; LinearCoefficients::COUNT],
     effects: &[Active<'_, S>],
+    course: Course<'_>,
 ) -> Result<Output<S>, SimulationError> {
-    let acting = |place: Place| effects.iter().filter(move |e| e.declaration.acts_on(place));
     let rest = at_rest(drive, motor, linear, effects)?;
-    let mut frequency: Vec<S> = frequency_series(drive, grid);
-    for e in acting(Place::Frequency) {
-        e.equations
-            .frequency(&e.parameters, &grid.time_s, &mut frequency);
+    let mut acting = Vec::with_capacity(effects.len());
+    for effect in effects {
+        let own_motor = effect.equations.own_motor(&effect.parameters, &rest)?;
+        let rest = Rest { own_motor, ..rest };
+        acting.push(Acting { effect, rest });
     }
-    let network = acting(Place::Feeder).next().map(|e| {
-        let feeder = e.equations.feeder(&e.parameters);
+    let at = |place: Place| acting.iter().filter(move |e| e.acts_on(place));
+    let mut frequency: Vec<S> = frequency_series(drive, grid);
+    for e in at(Place::Frequency) {
+        e.equations()
+            .frequency(e.parameters(), &grid.time_s, &mut frequency);
+    }
+    let network = at(Place::Feeder).next().map(|e| {
+        let feeder = e.equations().feeder(e.parameters());
         Network::new(&feeder, drive.reactive_at_rest, linear[0], &rest.motor)
     });
     let mut states = vec![S::constant(0.0); effects.last().map_or(0, Active::end)];
-    for e in acting(Place::States) {
-        let own = states.get_mut(e.first_state..e.end()).unwrap_or(&mut []);
-        e.equations.initialise(&e.parameters, &rest, own)?;
+    for e in at(Place::States) {
+        let own = e.effect.first_state..e.effect.end();
+        let own = states.get_mut(own).unwrap_or(&mut []);
+        e.equations().initialise(e.parameters(), &e.rest, own)?;
     }
-    let simulation = Simulation {
+    let mut simulation = Simulation {
         drive,
         time_s: &grid.time_s,
-        coupled: network.is_some() || acting(Place::Gain).next().is_some(),
+        coupled: network.is_some() || at(Place::Gain).next().is_some(),
         network,
         rest,
         linear,
         places: Places {
-            gain: acting(Place::Gain).collect(),
-            motor_active: acting(Place::MotorActivePower).collect(),
-            power: acting(Place::Power).collect(),
-            states: acting(Place::States).collect(),
+            gain: at(Place::Gain).collect(),
+            motor_active: at(Place::MotorActivePower).collect(),
+            power: at(Place::Power).collect(),
+            states: at(Place::States).collect(),
         },
         frequency,
+        known: Vec::new(),
     };
     let start = Now {
         motor: rest.motor.rest,
         effects: states,
         ratio: [S::constant(1.0), S::constant(0.0)],
+        secant: Secant::PLAIN,
+        solutions: Vec::new(),
     };
-    let mut output = simulation.integrate(grid, start)?;
+    let mut output = match course {
+        Course::Integrate(kept) => {
+            simulation.known = std::mem::take(&mut kept.solutions);
+            simulation.integrate(grid, start, kept)?
+        }
+        Course::Replay(kept) => simulation.replay(grid, start, kept)?,
+    };
     measure(drive, grid, effects, &mut output);
     match output.iter().flatten().position(|y| !y.value().is_finite()) {
         None => Ok(output),
@@ -177,6 +241,7 @@ fn at_rest<S: Pass>(
         reactive: drive.reactive_at_rest,
         motor_share: share,
         motor,
+        own_motor: None,
         static_constant: [
             -(share + c_z + c_i) + 1.0,
             -(share * motor.rest_power[1] + d_z + d_i) + drive.reactive_at_rest,
@@ -219,12 +284,32 @@ fn frequency_series<S: Elementary>(drive: &Drive<'_>, grid: &Grid) -> Vec<S> {
         .collect()
 }
 
+/// Phasors of a step as constants.
+#[inline]
+fn constants<S: Pass>(u: [[f64; 2]; 3]) -> [[S; 2]; 3] {
+    [
+        complex::constant(u[0]),
+        complex::constant(u[1]),
+        complex::constant(u[2]),
+    ]
+}
+
 impl<S: Pass> Simulation<'_, '_, S> {
-    fn integrate(&self, grid: &Grid, mut now: Now<S>) -> Result<Output<S>, SimulationError> {
+    fn integrate(
+        &self,
+        grid: &Grid,
+        mut now: Now<S>,
+        kept: &mut Kept,
+    ) -> Result<Output<S>, SimulationError> {
         let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
+        let mut trial = now.clone();
         let terminal = self.drive.terminal;
+        let mut emit = |now: &mut Now<S>, output: &mut Output<S>| {
+            kept.keep(now);
+            self.emit(grid, now, output)
+        };
         for sample in 0..terminal.sample_count() {
-            self.emit(grid, &mut now, &mut output)?;
+            emit(&mut now, &mut output)?;
             if sample + 1 == terminal.sample_count() {
                 break;
             }
@@ -239,14 +324,31 @@ impl<S: Pass> Simulation<'_, '_, S> {
                     let share = |j: usize| (j % each) as f64 / each as f64;
                     let from = self.moment(index, share(j));
                     let to = self.moment(index, share(j) + 1.0 / each as f64);
-                    self.advance_coupled(&mut now, u, duration_s, [from, to])?;
+                    self.advance_coupled([&mut now, &mut trial], u, duration_s, [from, to])?;
                 } else {
                     self.advance_bare(&mut now, u, duration_s, index);
                 }
                 if j + 1 < substeps && ((j + 1) * outputs).is_multiple_of(substeps) {
-                    self.emit(grid, &mut now, &mut output)?;
+                    emit(&mut now, &mut output)?;
                 }
             }
+        }
+        kept.close();
+        kept.solutions = now.solutions;
+        Ok(output)
+    }
+
+    /// The output for states that a pass before has been through.
+    fn replay(
+        &self,
+        grid: &Grid,
+        mut now: Now<S>,
+        kept: &Kept,
+    ) -> Result<Output<S>, SimulationError> {
+        let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
+        for index in 0..grid.time_s.len() {
+            kept.restore(index, &mut now);
+            self.emit(grid, &mut now, &mut output)?;
         }
         Ok(output)
     }
@@ -255,7 +357,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
     fn rate_per_s(&self, now: &Now<S>) -> f64 {
         let effects = self.places.states.iter().map(|e| {
             let own = e.own(&now.effects);
-            e.equations.rate_per_s(&e.parameters, own, &self.rest)
+            e.equations().rate_per_s(e.parameters(), own, &e.rest)
         });
         effects.fold(self.rest.motor.rate_per_s(&now.motor), f64::max)
     }
@@ -273,7 +375,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
     /// A step in which the load sees the measured phasor.
     fn advance_bare(&self, now: &mut Now<S>, u: [[f64; 2]; 3], duration_s: f64, index: usize) {
         if !self.places.states.is_empty() {
-            let phasor = u.map(|u| u.map(S::constant));
+            let phasor = constants(u);
             let voltage = u.map(|[re, im]| S::constant((re * re + im * im).sqrt()));
             self.advance_effects(now, phasor, voltage, duration_s, index);
         }
@@ -295,8 +397,9 @@ impl<S: Pass> Simulation<'_, '_, S> {
             frequency_deviation: self.frequency[index],
         };
         for e in &self.places.states {
-            if let Some(own) = now.effects.get_mut(e.first_state..e.end()) {
-                e.equations.advance(&e.parameters, own, &step, &self.rest);
+            let own = e.effect.first_state..e.effect.end();
+            if let Some(own) = now.effects.get_mut(own) {
+                e.equations().advance(e.parameters(), own, &step, &e.rest);
             }
         }
     }
@@ -306,21 +409,24 @@ impl<S: Pass> Simulation<'_, '_, S> {
     /// lets the ratio go straight there.
     fn advance_coupled(
         &self,
-        now: &mut Now<S>,
+        [now, trial]: [&mut Now<S>; 2],
         u: [[f64; 2]; 3],
         duration_s: f64,
         [from, to]: [Moment<S>; 2],
     ) -> Result<(), SimulationError> {
-        let measured = u.map(|u| u.map(S::constant));
+        let measured = constants(u);
         let (first, last) = if self.network.is_some() {
             let first = now.ratio;
-            let mut trial = now.clone();
-            self.advance_with(&mut trial, measured, [first; 3], duration_s, from.index);
-            (first, self.ratio(&trial, measured[2], to)?)
+            trial.exchange(now);
+            self.advance_with(trial, measured, [first; 3], duration_s, from.index);
+            let last = self.ratio(trial, measured[2], to)?;
+            now.secant = trial.secant;
+            std::mem::swap(&mut now.solutions, &mut trial.solutions);
+            (first, last)
         } else {
             (self.gain(now, from), self.gain(now, to))
         };
-        let middle = complex::sum(first, last).map(|part| part * 0.5);
+        let middle = [(first[0] + last[0]) * 0.5, (first[1] + last[1]) * 0.5];
         let ratios = [first, middle, last];
         self.advance_with(now, measured, ratios, duration_s, from.index);
         now.ratio = last;
@@ -335,14 +441,24 @@ impl<S: Pass> Simulation<'_, '_, S> {
         duration_s: f64,
         index: usize,
     ) {
-        let phasor = [0, 1, 2].map(|i| complex::product(measured[i], ratio[i]));
-        let voltage = phasor.map(complex::modulus);
-        self.advance_effects(now, phasor, voltage, duration_s, index);
+        let phasor = [
+            complex::product(measured[0], ratio[0]),
+            complex::product(measured[1], ratio[1]),
+            complex::product(measured[2], ratio[2]),
+        ];
+        if !self.places.states.is_empty() {
+            let voltage = [
+                complex::modulus(phasor[0]),
+                complex::modulus(phasor[1]),
+                complex::modulus(phasor[2]),
+            ];
+            self.advance_effects(now, phasor, voltage, duration_s, index);
+        }
         now.motor = self.rest.motor.step(&now.motor, phasor, duration_s);
     }
 
     /// Phasor at the load over the measured one.
-    fn ratio(&self, now: &Now<S>, u: [S; 2], at: Moment<S>) -> Result<[S; 2], SimulationError> {
+    fn ratio(&self, now: &mut Now<S>, u: [S; 2], at: Moment<S>) -> Result<[S; 2], SimulationError> {
         // Below this the phasor has no direction to turn.
         const MODULUS_MIN: f64 = 1e-6;
         let gain = self.gain(now, at);
@@ -353,10 +469,17 @@ impl<S: Pass> Simulation<'_, '_, S> {
             return Ok(now.ratio);
         }
         let sent = complex::product(u, gain);
-        let guess = complex::product(u, now.ratio);
-        let own = network
-            .load_phasor(sent, guess, |own| self.load_power(now, own, at))
-            .ok_or(SimulationError::NoLoadVoltage { output: at.index })?;
+        let load = |own: [S; 2]| self.load_power(now, own, at);
+        let (solution, own) = if let Some(known) = self.known.get(now.solutions.len()) {
+            (*known, network.known(sent, known, load))
+        } else {
+            let guess = complex::product(u.map(S::value), now.ratio.map(S::value));
+            let mut secant = now.secant;
+            let found = network.solve(sent, guess, &mut secant, load);
+            now.secant = secant;
+            found.ok_or(SimulationError::NoLoadVoltage { output: at.index })?
+        };
+        now.solutions.push(solution);
         Ok(complex::quotient(own, u))
     }
 
@@ -366,8 +489,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
         self.places.gain.iter().fold(none, |product, e| {
             let own = e.own(&now.effects);
             let gain = e
-                .equations
-                .gain(&e.parameters, own, at.deviation, &self.rest);
+                .equations()
+                .gain(e.parameters(), own, at.deviation, &e.rest);
             complex::product(product, gain)
         })
     }
@@ -380,7 +503,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
     ) -> Result<(), SimulationError> {
         let index = output[0].len();
         let at = self.moment(index, 0.0);
-        let u = grid.phasor[index].map(S::constant);
+        let u = complex::constant(grid.phasor[index]);
         let [active, reactive] = if self.coupled {
             now.ratio = self.ratio(now, u, at)?;
             let own = complex::product(u, now.ratio);
@@ -418,7 +541,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             .places
             .motor_active
             .iter()
-            .map(|e| e.equations.motor_active_factor(&e.parameters, deviation))
+            .map(|e| e.equations().motor_active_factor(e.parameters(), deviation))
             .reduce(|x, y| x * y);
         let motor_active = factor.map_or(motor[0], |f| motor[0] * f);
         let square = voltage * voltage + -1.0;
@@ -444,7 +567,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             };
             for e in &self.places.power {
                 let own = e.own(&now.effects);
-                let [p, q] = e.equations.power(&e.parameters, own, &at, &self.rest);
+                let [p, q] = e.equations().power(e.parameters(), own, &at, &e.rest);
                 active = active + p;
                 reactive = reactive + q;
             }

@@ -72,6 +72,10 @@ impl Declared for ContactorDropout {
             .map(|v| vec![v, 0.1, 0.08])
             .to_vec()
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0]
+    }
 }
 
 fn held<S: Elementary>(closed: S, voltage: S, p: &[S]) -> S {

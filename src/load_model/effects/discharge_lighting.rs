@@ -85,6 +85,10 @@ impl Declared for DischargeLighting {
         }
         points
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 4]
+    }
 }
 
 fn burning<S: Elementary>(voltage: S, p: &[S]) -> S {

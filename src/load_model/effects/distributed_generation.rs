@@ -90,6 +90,10 @@ impl Declared for DistributedGeneration {
         }
         points
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 3, 4, 5]
+    }
 }
 
 impl<S: Elementary> Equations<S> for DistributedGeneration {

@@ -81,6 +81,10 @@ impl Declared for ElectronicLoadDropout {
         }
         points
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 1, 2, 3, 4]
+    }
 }
 
 fn cut<S: Elementary>(voltage: S, p: &[S]) -> S {

@@ -76,6 +76,10 @@ impl Declared for ExponentialRecovery {
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         [0.3, 0.8, 2.0, 6.0, 30.0].map(|t| vec![t]).to_vec()
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 1]
+    }
 }
 
 impl<S: Elementary> Equations<S> for ExponentialRecovery {

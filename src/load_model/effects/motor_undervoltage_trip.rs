@@ -99,6 +99,10 @@ impl Declared for MotorUndervoltageTrip {
         }
         points
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0]
+    }
 }
 
 fn motor_state<S: Elementary>(x: &[S]) -> MotorState<S> {

@@ -93,16 +93,10 @@ impl Declared for SecondMotor {
         }
         points
     }
-}
 
-fn motor<S: Elementary>(p: &[S], rest: &Rest<S>) -> Result<Motor<S>, Infeasible> {
-    let coordinates = MotorCoordinates {
-        alpha_per_s: p[1],
-        nu_per_s2: p[2],
-        kappa: p[3],
-    };
-    let synchronous = rest.synchronous_speed_rad_s;
-    Motor::new(&MotorDescription::new(coordinates, synchronous))
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0]
+    }
 }
 
 fn state<S: Elementary>(x: &[S]) -> MotorState<S> {
@@ -114,25 +108,38 @@ fn state<S: Elementary>(x: &[S]) -> MotorState<S> {
 }
 
 impl<S: Elementary> Equations<S> for SecondMotor {
-    fn initialise(&self, p: &[S], rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
-        let state = motor(p, rest)?.rest;
-        x.copy_from_slice(&[state.flux[0], state.flux[1], state.speed_rad_s]);
+    fn own_motor(&self, p: &[S], rest: &Rest<S>) -> Result<Option<Motor<S>>, Infeasible> {
+        let coordinates = MotorCoordinates {
+            alpha_per_s: p[1],
+            nu_per_s2: p[2],
+            kappa: p[3],
+        };
+        let synchronous = rest.synchronous_speed_rad_s;
+        Motor::new(&MotorDescription::new(coordinates, synchronous)).map(Some)
+    }
+
+    fn initialise(&self, _p: &[S], rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
+        if let Some(motor) = &rest.own_motor {
+            let state = motor.rest;
+            x.copy_from_slice(&[state.flux[0], state.flux[1], state.speed_rad_s]);
+        }
         Ok(())
     }
 
-    fn rate_per_s(&self, p: &[S], x: &[S], rest: &Rest<S>) -> f64 {
-        motor(p, rest).map_or(0.0, |motor| motor.rate_per_s(&state(x)))
+    fn rate_per_s(&self, _p: &[S], x: &[S], rest: &Rest<S>) -> f64 {
+        let motor = rest.own_motor.as_ref();
+        motor.map_or(0.0, |motor| motor.rate_per_s(&state(x)))
     }
 
-    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
-        if let Ok(motor) = motor(p, rest) {
+    fn advance(&self, _p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
+        if let Some(motor) = &rest.own_motor {
             let next = motor.step(&state(x), step.phasor, step.duration_s); // (1), (2)
             x.copy_from_slice(&[next.flux[0], next.flux[1], next.speed_rad_s]);
         }
     }
 
     fn power(&self, p: &[S], x: &[S], at: &Instant<S>, rest: &Rest<S>) -> [S; 2] {
-        let Ok(motor) = motor(p, rest) else {
+        let Some(motor) = &rest.own_motor else {
             return [S::constant(0.0); 2];
         };
         let [active, reactive] = motor.power(&state(x), at.phasor);

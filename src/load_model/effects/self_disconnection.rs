@@ -75,6 +75,10 @@ impl Declared for SelfDisconnection {
         }
         points
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 3]
+    }
 }
 
 impl<S: Elementary> Equations<S> for SelfDisconnection {

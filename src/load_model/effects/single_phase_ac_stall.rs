@@ -105,6 +105,10 @@ impl Declared for SinglePhaseAcStall {
             .flat_map(|v| [at(v, 5.0), at(v, 15.0)])
             .collect()
     }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 4, 6]
+    }
 }
 
 /// (1), (2)

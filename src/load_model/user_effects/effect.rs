@@ -264,7 +264,7 @@ impl Formulas {
         }
         let at = [voltage, 0.0].map(Sensitivity::constant);
         let slopes = self.slopes::<Sensitivity, STATES_MAX>(&constants, &x, at, 0.0);
-        let row = |s: &Sensitivity| s.derivatives.iter().map(|d| d.abs()).sum::<f64>();
+        let row = |s: &Sensitivity| s.derivatives().map(f64::abs).sum::<f64>();
         let larger = |x: f64, y: f64| if y > x || y.is_nan() { y } else { x };
         slopes.iter().map(row).fold(0.0, larger)
     }

@@ -1,0 +1,61 @@
+//! What a pass leaves to those after it.
+
+use super::{feeder::Solution, motor::MotorState, run::Now};
+use crate::numerics::Scalar;
+
+/// Values of the states of motor and effects at every output instant, and of the phasor at the load
+/// at every instant at which it was looked for.
+#[derive(Debug, Default)]
+pub(super) struct Kept {
+    /// Whether the states are wanted.
+    states: bool,
+    motor: Vec<MotorState<f64>>,
+    /// States of the effects, instant after instant.
+    effects: Vec<f64>,
+    /// Solutions at the load, in the order in which they are looked for.
+    pub(super) solutions: Vec<Solution>,
+}
+
+impl Kept {
+    /// Nothing kept yet.
+    pub(super) fn new(states: bool) -> Self {
+        Self {
+            states,
+            ..Self::default()
+        }
+    }
+
+    /// Adds the next output instant.
+    pub(super) fn keep<S: Scalar>(&mut self, now: &Now<S>) {
+        if !self.states {
+            return;
+        }
+        let motor = &now.motor;
+        self.motor.push(MotorState {
+            flux: motor.flux.map(S::value),
+            second: motor.second.map(S::value),
+            speed_rad_s: motor.speed_rad_s.value(),
+        });
+        self.effects.extend(now.effects.iter().map(|x| x.value()));
+    }
+
+    /// Ends a pass: what is there is not wanted again.
+    pub(super) fn close(&mut self) {
+        self.states = false;
+    }
+
+    /// The states at an output instant, as constants.
+    pub(super) fn restore<S: Scalar>(&self, index: usize, now: &mut Now<S>) {
+        let motor = &self.motor[index];
+        now.motor = MotorState {
+            flux: motor.flux.map(S::constant),
+            second: motor.second.map(S::constant),
+            speed_rad_s: S::constant(motor.speed_rad_s),
+        };
+        let count = now.effects.len();
+        let own = &self.effects[index * count..(index + 1) * count];
+        for (state, value) in now.effects.iter_mut().zip(own) {
+            *state = S::constant(*value);
+        }
+    }
+}
