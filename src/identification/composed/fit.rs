@@ -131,7 +131,7 @@ pub(super) fn fit_rows(
     None
 }
 
-fn problem_at<'a>(
+pub(super) fn problem_at<'a>(
     rows: &'a [EventRows<'a>],
     model: &'a ComposedModel,
     coordinates: &'a Coordinates,
@@ -150,7 +150,7 @@ fn problem_at<'a>(
     })
 }
 
-fn finished(
+pub(super) fn finished(
     rows: &[EventRows<'_>],
     model: &ComposedModel,
     coordinates: &Coordinates,
