@@ -463,6 +463,27 @@ pub trait Declared: Debug + Send + Sync {
     /// The declaration.
     fn declaration(&self) -> &'static Declaration;
 
+    /// Name of the shape that is the voltage below which the effect begins, if there is one. Recordings
+    /// say of it little more than between which of their dips it lies, so a search tries a value in
+    /// each gap and not those of the grid.
+    fn threshold(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// Sizes of the first amplitude at which a screen should look, where what happens at a small one says
+    /// nothing of a real one (a tap changer whose steps are too small never ends). Empty: the
+    /// derivative at the neutral value serves.
+    fn screened_at(&self) -> &'static [f64] {
+        &[]
+    }
+
+    /// Names of an amplitude and of a shape `e`, where the amplitude of an event with the active power P0
+    /// (pu of the site's base) is the parameter times `P0^-e`: 0 for what is a share of the load, 1 for
+    /// what stays the same whatever the load. The equations get the amplitude of the event.
+    fn load_exponent(&self) -> Option<[&'static str; 2]> {
+        None
+    }
+
     /// Values of the shapes (those of [`Declaration::shapes`], in order) at which a screen should
     /// look for the effect while its amplitude is zero and the shapes cannot be estimated. May
     /// depend on the motor found so far.

@@ -2,7 +2,7 @@
 //! fits badly, on the mildest of them only, whose voltage stayed above any threshold.
 
 use super::{
-    extend::extend,
+    extend::{extend, include},
     fit::{ComposedFit, ComposedFitOptions, fit},
 };
 use crate::{
@@ -44,7 +44,8 @@ impl Baseline {
 
     /// The baseline with one more effect: fitted to all events from both origins, and to the mild
     /// events by themselves, so that a part whose effect shows everywhere is not spoilt by what
-    /// happens in deep dips only. `None` where no start could be simulated.
+    /// happens in deep dips only. An effect that does not show is included with its typical shapes.
+    /// `None` where no start could be simulated.
     ///
     /// # Errors
     ///
@@ -58,13 +59,18 @@ impl Baseline {
     ) -> Result<Option<Self>, StructureError> {
         let origins = self.origins();
         let extension = extend(events, &self.structure, &origins, effect, options, cancel)?;
-        let Some(all) = extension.fit else {
+        let mut all = extension.fit;
+        if all.is_none() {
+            all = include(events, &self.structure, &self.all, effect, options, cancel)?;
+        }
+        let Some(all) = all else {
             return Ok(None);
         };
         let mut mild = None;
         if let Some((few, fit)) = &self.mild {
             let own = extend(few, &self.structure, &[fit], effect, options, cancel)?;
-            mild = own.fit.map(|fit| (few.clone(), fit));
+            // What does not show in the mild events leaves their fit as it is.
+            mild = Some((few.clone(), own.fit.unwrap_or_else(|| fit.clone())));
         }
         Ok(Some(Self {
             structure: extension.structure,

@@ -1,39 +1,23 @@
-//! One more effect on a fitted model: screened at its neutral value over a grid of its shapes, then
+//! One more effect on a fitted model: screened where it is absent over a grid of its shapes, then
 //! refitted in stages from the best of them.
 
-use nalgebra::{DMatrix, DVector};
-
 use super::{
-    covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions, fit_rows},
     rows::EventRows,
+    screening::{Candidate, Score, Step, thresholds},
+    threshold::settled,
 };
 use crate::{
     identification::intake::PreparedEvent,
     load_model::{
-        MotorCoordinates, Structure,
+        Structure,
         composed::ComposedModel,
-        effect::{Effect, Parameter, Role},
+        effect::{Parameter, Role, Scale},
         effects,
         structure::StructureError,
     },
     numerics::local_solver,
 };
-
-/// How strongly the residual of a fitted model points at an effect, at one point of its grid.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Score {
-    /// Values of the effect's shapes.
-    pub shapes: Vec<f64>,
-    /// Amplitudes that a linear extrapolation from the neutral value proposes.
-    pub amplitudes: Vec<f64>,
-    /// By how much these would lower `sum r' Sigma^-1 r`, everything else following.
-    pub gain: f64,
-    /// Which share of the effect the fitted model cannot mimic by its own parameters, 0 to 1.
-    pub visibility: f64,
-    /// Standard error of the first amplitude: what is smaller than about three of it cannot be seen.
-    pub amplitude_error: f64,
-}
 
 /// An effect added to a fitted model.
 #[derive(Clone, Debug)]
@@ -48,17 +32,68 @@ pub struct Extension {
     pub fit: Option<ComposedFit>,
 }
 
-/// Grid points from which a refit starts.
-const STARTS: usize = 2;
-/// Shares of the proposed amplitude that are tried, until one lowers the objective.
+/// Candidates from which a refit starts.
+const STARTS: usize = 3;
+/// Shares of the proposed amplitude that are tried, until one can be simulated.
 const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
 /// Calls of the objective with which the effect alone is brought near its optimum.
 const FIRST_STAGE_EVALUATIONS: u64 = 10;
-/// An amplitude starts within this share of its bounds.
-const START_WITHIN: f64 = 0.6;
+/// Candidates that leave more than this multiple of what the best one leaves are not refitted.
+const LEFT_MAX: f64 = 1.5;
+/// Standard errors below this share of the prior's deviation come from the data.
+const DETERMINED: f64 = 0.7;
+/// Candidates whose gains differ by less than this share, and whose amplitudes do too, are one.
+const ALIKE: f64 = 1e-2;
+/// Least gain of a candidate worth a refit: two standard errors of one amplitude.
+const GAIN_MIN: f64 = 4.0;
+/// Least part of the effect that the fitted model must not be able to mimic.
+const VISIBILITY_MIN: f64 = 1e-4;
+
+/// Everything about an effect that `screen` and `extend` share.
+struct Extending<'a> {
+    rows: Vec<EventRows<'a>>,
+    model: ComposedModel,
+    voltages: Vec<f64>,
+}
+
+impl<'a> Extending<'a> {
+    fn new(events: &'a [PreparedEvent], extended: &Structure, effect: &str) -> Self {
+        let model = ComposedModel::new(extended);
+        let threshold = effects::find(effect).and_then(|e| {
+            let index = model.index(&format!("{effect}.{}", e.threshold()?))?;
+            Some(&model.parameters()[index].declaration)
+        });
+        Self {
+            rows: events.iter().map(EventRows::new).collect(),
+            voltages: threshold.map_or_else(Vec::new, |p| thresholds(events, p)),
+            model,
+        }
+    }
+
+    fn steps<'s>(
+        &'s self,
+        origins: &'s [&'s ComposedFit],
+        effect: &str,
+        options: &'s ComposedFitOptions,
+        cancel: &'s (dyn Fn() -> bool + Sync),
+    ) -> Vec<Step<'s>> {
+        let Some(effect) = effects::find(effect) else {
+            return Vec::new();
+        };
+        let step = |origin: &&'s ComposedFit| Step {
+            rows: &self.rows,
+            model: &self.model,
+            effect,
+            origin,
+            options,
+            cancel,
+        };
+        origins.iter().map(step).collect()
+    }
+}
 
 /// Scores of `effect` at every point of its grid and from every origin (fits of one structure to the
-/// same or to fewer events), best first; nothing is refitted.
+/// same or to fewer events), most gain first; nothing is refitted.
 ///
 /// # Errors
 ///
@@ -72,31 +107,21 @@ pub fn screen(
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Vec<Score>, StructureError> {
-    let model = ComposedModel::new(&structure.with(effect)?);
-    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    let Some(effect) = effects::find(effect) else {
-        return Ok(Vec::new());
-    };
-    let mut scores: Vec<Score> = origins
-        .iter()
-        .flat_map(|origin| {
-            let step = Step {
-                rows: &rows,
-                model: &model,
-                effect,
-                origin,
-                options,
-                cancel,
-            };
-            step.screen()
-        })
-        .collect();
+    let extending = Extending::new(events, &structure.with(effect)?, effect);
+    let mut scores = Vec::new();
+    for step in extending.steps(origins, effect, options, cancel) {
+        if let Some(base) = step.base_columns() {
+            let found = step.screen(&base, &extending.voltages);
+            scores.extend(found.into_iter().map(|c| c.score));
+        }
+    }
     scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     Ok(scores)
 }
 
 /// Adds `effect` to every origin (fits of one structure to the same or to fewer events) and refits
-/// on `events`; the best is kept.
+/// on `events` from the best candidates; the best is kept. An effect that no candidate makes visible, or
+/// that none wants with the sign it can have, is not refitted: `fit` is `None`.
 ///
 /// # Errors
 ///
@@ -111,207 +136,110 @@ pub fn extend(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Extension, StructureError> {
     let extended = structure.with(effect)?;
-    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    let mut result = Extension {
-        effect: "",
-        structure: extended.clone(),
-        scores: Vec::new(),
-        fit: None,
-    };
-    let Some(effect) = effects::find(effect) else {
-        return Ok(result);
-    };
-    result.effect = effect.declaration().name;
-    let model = ComposedModel::new(&extended);
-    for origin in origins {
-        let step = Step {
-            rows: &rows,
-            model: &model,
-            effect,
-            origin,
-            options,
-            cancel,
-        };
-        let scores = step.screen();
-        for score in scores.iter().take(STARTS) {
-            let better = |a: &ComposedFit, b: &ComposedFit| a.objective < b.objective;
-            if let Some(found) = step.refit(score)
-                && result.fit.as_ref().is_none_or(|best| better(&found, best))
-            {
-                result.fit = Some(found);
-            }
-        }
-        result.scores.extend(scores);
+    let extending = Extending::new(events, &extended, effect);
+    let steps = extending.steps(origins, effect, options, cancel);
+    let mut scores = Vec::new();
+    let mut promising: Vec<(usize, Candidate)> = Vec::new();
+    let bases: Vec<_> = steps.iter().map(Step::base_columns).collect();
+    for (number, (step, base)) in steps.iter().zip(&bases).enumerate() {
+        let Some(base) = base else { continue };
+        let found = step.screen(base, &extending.voltages);
+        scores.extend(found.iter().map(|c| c.score.clone()));
+        promising.extend(found.into_iter().filter(promises).map(|c| (number, c)));
     }
-    result.scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    Ok(result)
+    scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
+    let mut best: Option<(usize, ComposedFit)> = None;
+    for (number, candidate) in distinct(promising) {
+        let (step, Some(base)) = (&steps[number], &bases[number]) else {
+            continue;
+        };
+        let candidate = step.polish(candidate, base);
+        let found = step.refit(&candidate);
+        let better = |found: &ComposedFit| {
+            let known = best.as_ref();
+            known.is_none_or(|(_, known)| evidence(found) < evidence(known))
+        };
+        if let Some(found) = found.filter(better) {
+            best = Some((number, found));
+        }
+    }
+    let fit = best.map(|(number, fit)| settled(&steps[number], fit));
+    let name = steps.first().map_or("", |s| s.effect.declaration().name);
+    Ok(Extension {
+        effect: name,
+        structure: extended,
+        scores,
+        fit,
+    })
 }
 
-struct Step<'a> {
-    rows: &'a [EventRows<'a>],
-    model: &'a ComposedModel,
-    effect: &'static dyn Effect,
-    origin: &'a ComposedFit,
-    options: &'a ComposedFitOptions,
-    cancel: &'a (dyn Fn() -> bool + Sync),
+/// The fit of `origin` with `effect` in its structure although no candidate promised anything: its
+/// shapes as they are typically, only its amplitudes free beside what was free before. `None` when it
+/// cannot be simulated.
+///
+/// # Errors
+///
+/// As [`extend`].
+pub(super) fn include(
+    events: &[PreparedEvent],
+    structure: &Structure,
+    origin: &ComposedFit,
+    effect: &str,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<Option<ComposedFit>, StructureError> {
+    let extending = Extending::new(events, &structure.with(effect)?, effect);
+    let origins = [origin];
+    let steps = extending.steps(&origins, effect, options, cancel);
+    Ok(steps.first().and_then(Step::include))
+}
+
+/// Whether a candidate is worth a refit.
+fn promises(candidate: &Candidate) -> bool {
+    candidate.score.gain > GAIN_MIN && candidate.score.visibility > VISIBILITY_MIN
+}
+
+/// The best candidates that are not one and the same.
+fn distinct(sorted: Vec<(usize, Candidate)>) -> Vec<(usize, Candidate)> {
+    let mut chosen: Vec<(usize, Candidate)> = Vec::new();
+    let limit = (sorted.first()).map_or(f64::INFINITY, |(_, best)| LEFT_MAX * best.left);
+    for (number, candidate) in sorted.into_iter().filter(|(_, c)| c.left <= limit) {
+        let near = |a: f64, b: f64| (a - b).abs() <= ALIKE * a.abs().max(b.abs());
+        let alike = |(other, known): &(usize, Candidate)| {
+            let pairs = (known.score.amplitudes.iter()).zip(&candidate.score.amplitudes);
+            *other == number
+                && near(known.score.gain, candidate.score.gain)
+                && pairs.fold(true, |all, (a, b)| all && near(*a, *b))
+        };
+        if chosen.len() < STARTS && !chosen.iter().any(alike) {
+            chosen.push((number, candidate));
+        }
+    }
+    chosen
+}
+
+/// What the fits of one structure from several starts are compared by: the objective, and half of
+/// `ln N` for every parameter that the data determine better than its prior. A relay that never operates
+/// costs nothing, one that follows a single sample must be worth it.
+fn evidence(fit: &ComposedFit) -> f64 {
+    let determined = (fit.free.iter()).filter(|&&index| {
+        let declared = &fit.model.parameters()[index].declaration;
+        let scale = match declared.prior.scale {
+            Scale::Linear => 1.0,
+            Scale::Logarithmic => fit.parameters[index],
+        };
+        let error = fit.standard_error(index).map(|e| e / scale);
+        error.is_none_or(|e| e < DETERMINED * declared.prior.deviation)
+    });
+    fit.objective + 0.5 * (fit.rows.max(1) as f64).ln() * determined.count() as f64
 }
 
 impl Step<'_> {
-    /// The origin's parameters with the effect absent.
-    fn neutral(&self) -> Vec<f64> {
-        let value = |name: &str| {
-            let place = self.origin.model.index(name)?;
-            self.origin.parameters.get(place).copied()
-        };
-        let parameters = self.model.parameters().iter();
-        parameters
-            .map(|p| value(&p.name).unwrap_or(p.declaration.neutral))
-            .collect()
-    }
-
-    /// Indices of the effect's own parameters that a predicate picks.
-    fn own(&self, picks: impl Fn(&Parameter) -> bool) -> Vec<usize> {
-        let name = self.effect.declaration().name;
-        let all = self.model.parameters().iter().enumerate();
-        all.filter(|(_, p)| p.effect == Some(name) && picks(&p.declaration))
-            .map(|(index, _)| index)
-            .collect()
-    }
-
-    /// Parameters that were free in the origin, as indices into this model.
-    fn free_before(&self) -> Vec<usize> {
-        let names = self
-            .origin
-            .free
-            .iter()
-            .map(|&i| &self.origin.model.parameters()[i].name);
-        names.filter_map(|name| self.model.index(name)).collect()
-    }
-
-    fn screen(&self) -> Vec<Score> {
-        let neutral = self.neutral();
-        let motor = MotorCoordinates {
-            alpha_per_s: neutral[0].exp(),
-            nu_per_s2: neutral[1].exp(),
-            kappa: neutral[2],
-        };
-        let shapes = self.own(|p| p.role == Role::Shape);
-        let Some(base) = self.base_columns(&neutral) else {
-            return Vec::new();
-        };
-        let mut scores: Vec<Score> = self
-            .effect
-            .nuisance_grid(&motor)
-            .into_iter()
-            .filter_map(|values| {
-                let mut at = neutral.clone();
-                for (index, value) in shapes.iter().zip(&values) {
-                    at[*index] = *value;
-                }
-                self.score(&at, values, &base)
-            })
-            .collect();
-        scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        scores
-    }
-
-    /// Derivative columns of what was free before, the residual, and the covariance of every event.
-    fn base_columns(&self, neutral: &[f64]) -> Option<Vec<(DMatrix<f64>, EventCovariance)>> {
-        let wanted = self.free_before();
-        let scatter = &self.options.scatter;
-        let columns = |event: &EventRows<'_>| {
-            let rows = event.expanded(self.model, neutral, &wanted).ok()?;
-            let covariance = event.covariance(self.model, neutral, scatter).ok()??;
-            Some((rows, covariance))
-        };
-        self.rows.iter().map(columns).collect()
-    }
-
-    /// The score of the amplitudes at one grid point: the least squares problem of amplitudes and
-    /// base parameters together, linearised at the neutral value.
-    fn score(
-        &self,
-        at: &[f64],
-        shapes: Vec<f64>,
-        base: &[(DMatrix<f64>, EventCovariance)],
-    ) -> Option<Score> {
-        if (self.cancel)() {
-            return None;
-        }
-        let amplitudes = self.own(Parameter::is_amplitude);
-        let before = self.free_before().len();
-        let count = amplitudes.len();
-        let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
-        for (event, (base, covariance)) in self.rows.iter().zip(base) {
-            let added = event.expanded(self.model, at, &amplitudes).ok()?;
-            let mut rows = DMatrix::zeros(base.nrows(), before + count + 1);
-            rows.columns_mut(0, before)
-                .copy_from(&base.columns(0, before));
-            rows.columns_mut(before, count + 1).copy_from(&added);
-            sum += covariance.gram(&rows);
-        }
-        for i in 0..before {
-            // What the base leaves undetermined must not be divided by.
-            sum[(i, i)] *= 1.0 + 1e-9;
-        }
-        let base_part = sum.view((0, 0), (before, before)).into_owned().cholesky()?;
-        let cross = sum.view((0, before), (before, count + 1)).into_owned();
-        let own = sum
-            .view((before, before), (count + 1, count + 1))
-            .into_owned();
-        let projected = &own - cross.tr_mul(&base_part.solve(&cross));
-        let information = projected.view((0, 0), (count, count)).into_owned();
-        let right: DVector<f64> = projected
-            .view((0, count), (count, 1))
-            .column(0)
-            .into_owned();
-        let visibility = (0..count)
-            .map(|i| projected[(i, i)] / own[(i, i)].max(f64::MIN_POSITIVE))
-            .fold(1.0, f64::min);
-        let amplitude = self.amplitude(&information, &right, &amplitudes)?;
-        let gain = 2.0 * amplitude.dot(&right) - (amplitude.tr_mul(&information) * &amplitude)[0];
-        Some(Score {
-            shapes,
-            amplitude_error: information[(0, 0)].max(f64::MIN_POSITIVE).sqrt().recip(),
-            amplitudes: amplitude.iter().copied().collect(),
-            gain,
-            visibility,
-        })
-        .filter(|s| s.gain.is_finite())
-    }
-
-    /// Least squares under the signs the amplitudes may have.
-    fn amplitude(
-        &self,
-        information: &DMatrix<f64>,
-        right: &DVector<f64>,
-        places: &[usize],
-    ) -> Option<DVector<f64>> {
-        let mut regular = information.clone();
-        for i in 0..places.len() {
-            regular[(i, i)] += 1e-9 * information[(i, i)] + f64::MIN_POSITIVE;
-        }
-        let mut amplitude = regular.cholesky()?.solve(right);
-        for (value, &place) in amplitude.iter_mut().zip(places) {
-            let declared = self.model.parameters()[place].declaration;
-            let (low, high) = (
-                declared.lower - declared.neutral,
-                declared.upper - declared.neutral,
-            );
-            *value = value.clamp(START_WITHIN * low, START_WITHIN * high);
-        }
-        Some(amplitude)
-    }
-
-    fn refit(&self, score: &Score) -> Option<ComposedFit> {
-        let mut start = self.neutral();
-        for (index, value) in self
-            .own(|p| p.role == Role::Shape)
-            .iter()
-            .zip(&score.shapes)
-        {
-            start[*index] = *value;
-        }
+    /// First the effect alone, then everything.
+    fn refit(&self, candidate: &Candidate) -> Option<ComposedFit> {
+        let score = &candidate.score;
+        let start = self.at(&score.shapes);
         let amplitudes = self.own(Parameter::is_amplitude);
         let own = self.own(|_| true);
         let mut all = self.free_before();
@@ -323,6 +251,10 @@ impl Step<'_> {
             for (&index, value) in amplitudes.iter().zip(&score.amplitudes) {
                 from[index] = self.started(index, share * value);
             }
+            if let (Some(size), Some(&first)) = (candidate.size, amplitudes.first()) {
+                // A staircase of smaller steps is another one.
+                from[first] = self.started(first, size);
+            }
             let first = ComposedFitOptions {
                 rounds_max: 1,
                 local: local_solver::Options {
@@ -333,19 +265,28 @@ impl Step<'_> {
             };
             let staged = fit_rows(self.rows, self.model, &from, &own, &first, self.cancel);
             let from = staged.map_or(from, |f| f.parameters);
-            let found = fit_rows(
-                self.rows,
-                self.model,
-                &from,
-                &all,
-                self.options,
-                self.cancel,
-            );
+            let found = self.fit(&from, &all);
             if found.is_some() {
                 return found;
             }
         }
         None
+    }
+
+    fn include(&self) -> Option<ComposedFit> {
+        let mut from = self.neutral();
+        let amplitudes = self.own(Parameter::is_amplitude);
+        for &index in &amplitudes {
+            from[index] = self.started(index, 0.0);
+        }
+        let mut free = self.free_before();
+        free.extend(amplitudes);
+        free.sort_unstable();
+        self.fit(&from, &free)
+    }
+
+    fn fit(&self, from: &[f64], free: &[usize]) -> Option<ComposedFit> {
+        fit_rows(self.rows, self.model, from, free, self.options, self.cancel)
     }
 
     /// Parameters of the effect, shared ones included.

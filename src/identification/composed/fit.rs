@@ -151,17 +151,17 @@ pub(super) fn fit_rows(
 }
 
 /// What stays the same in a fit.
-struct Place<'a> {
-    rows: &'a [EventRows<'a>],
-    model: &'a ComposedModel,
-    coordinates: &'a Coordinates,
-    scatter: &'a Scatter,
-    cancel: &'a (dyn Fn() -> bool + Sync),
+pub(super) struct Place<'a> {
+    pub(super) rows: &'a [EventRows<'a>],
+    pub(super) model: &'a ComposedModel,
+    pub(super) coordinates: &'a Coordinates,
+    pub(super) scatter: &'a Scatter,
+    pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
 }
 
 impl<'a> Place<'a> {
     /// The problem with the covariances of a point, from memory where `known` is that point.
-    fn problem(&self, x: &DVector<f64>, known: Option<Linearised>) -> Option<ComposedProblem<'a>> {
+    pub(super) fn problem(&self, x: &DVector<f64>, known: Option<Linearised>) -> Option<ComposedProblem<'a>> {
         let parameters = self.coordinates.parameters(x);
         let mut wanted = self.coordinates.indices();
         for (index, _) in random_effects(self.model, &parameters, self.scatter) {
@@ -183,7 +183,7 @@ impl<'a> Place<'a> {
         })
     }
 
-    fn finished(
+    pub(super) fn finished(
         &self,
         x: &DVector<f64>,
         known: Option<Linearised>,

@@ -10,15 +10,19 @@ mod covariance;
 mod extend;
 mod fit;
 mod model;
+mod operating_point;
 mod problem;
 mod rows;
+mod screening;
+mod threshold;
 
 #[cfg(test)]
 mod tests;
 
 pub use baseline::{Baseline, baseline};
 pub use coordinates::Coordinates;
-pub use extend::{Extension, Score, extend, screen};
+pub use extend::{Extension, extend, screen};
 pub use fit::{ComposedFit, ComposedFitOptions, fit, squares};
 pub use model::ComposedLoad;
 pub use rows::Scatter;
+pub use screening::Score;

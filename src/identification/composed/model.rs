@@ -1,6 +1,6 @@
 //! A composed model with its parameters, as the rest of the identification sees any fitted model.
 
-use super::rows::drive;
+use super::{operating_point::at_operating_point, rows::drive};
 use crate::{
     identification::{
         evaluate::{Curves, EventModel},
@@ -25,7 +25,8 @@ pub struct ComposedLoad {
 
 impl EventModel for ComposedLoad {
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
-        let response = self.model.simulate(&self.parameters, &[], &drive(event))?;
+        let own = at_operating_point(&self.model, &self.parameters, event.p0_pu);
+        let response = self.model.simulate(&own, &[], &drive(event))?;
         let measured = event.chain.measured(&response.active, &response.reactive);
         let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();
         let mut curves = Curves { active, reactive };

@@ -2,7 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::covariance::EventCovariance;
+use super::{
+    covariance::EventCovariance,
+    operating_point::{at_operating_point, load_exponents},
+};
 use crate::{
     identification::{intake::PreparedEvent, joint_problem::ProblemOptions},
     load_model::{
@@ -73,7 +76,8 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<Response, SimulationError> {
-        model.simulate(parameters, wanted, &drive(self.event))
+        let own = at_operating_point(model, parameters, self.event.p0_pu);
+        model.simulate(&own, wanted, &drive(self.event))
     }
 
     /// Measured minus modelled.
@@ -94,14 +98,35 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<DMatrix<f64>, SimulationError> {
-        let response = self.simulate(model, parameters, wanted)?;
+        let exponents = load_exponents(model);
+        let p0_pu = self.event.p0_pu;
+        let mut simulated = wanted.to_vec();
+        for e in &exponents {
+            if wanted.contains(&e.exponent) && !wanted.contains(&e.amplitude) {
+                simulated.push(e.amplitude);
+            }
+        }
+        let response = self.simulate(model, parameters, &simulated)?;
         let mut rows = DMatrix::zeros(self.count(), wanted.len() + 1);
-        let derivatives = response
-            .active_derivatives
-            .iter()
-            .zip(&response.reactive_derivatives);
-        for (column, (p, q)) in derivatives.enumerate() {
-            rows.set_column(column, &self.stacked(p, q));
+        for (column, index) in wanted.iter().enumerate() {
+            // The column that the simulation gives, and what it is multiplied by.
+            let (source, factor) = (exponents.iter())
+                .find_map(|e| match *index {
+                    i if i == e.exponent => {
+                        Some((e.amplitude, e.exponent_slope(parameters, p0_pu)))
+                    }
+                    i if i == e.amplitude => Some((i, e.factor(parameters, p0_pu))),
+                    _ => None,
+                })
+                .unwrap_or((*index, 1.0));
+            let Some(place) = simulated.iter().position(|i| *i == source) else {
+                continue;
+            };
+            let (p, q) = (
+                &response.active_derivatives[place],
+                &response.reactive_derivatives[place],
+            );
+            rows.set_column(column, &(self.stacked(p, q) * factor));
         }
         let residual = &self.measured - self.stacked(&response.active, &response.reactive);
         rows.set_column(wanted.len(), &residual);

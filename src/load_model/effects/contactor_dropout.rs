@@ -67,10 +67,12 @@ impl Declared for ContactorDropout {
         &DECLARATION
     }
 
+    fn threshold(&self) -> Option<&'static str> {
+        Some("first_voltage")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
-        [0.45, 0.55, 0.65, 0.75]
-            .map(|v| vec![v, 0.1, 0.08])
-            .to_vec()
+        [0.04, 0.1].map(|span| vec![0.55, span, 0.08]).to_vec()
     }
 
     fn beside_the_states(&self) -> Vec<usize> {

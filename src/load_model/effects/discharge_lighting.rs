@@ -46,7 +46,7 @@ const DECLARATION: Declaration = Declaration {
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.03]),
         Parameter::shape(["first_voltage", "V_a", "1"], [0.55, 0.8, 0.95], 0.06),
         Parameter::shape(["span", "s", "1"], [0.02, 0.12, 0.3], 0.06),
-        Parameter::positive_shape(["restrike_s", "T", "s"], [0.05, 1.5, 300.0], 1.5),
+        Parameter::positive_shape(["restrike_s", "T", "s"], [0.05, 100.0, 1000.0], 3.0),
         Parameter::shape(["reactive_ratio", "t", "1"], [0.0, 0.5, 1.2], 0.2),
     ],
     states: &[
@@ -76,11 +76,15 @@ impl Declared for DischargeLighting {
         &DECLARATION
     }
 
+    fn threshold(&self) -> Option<&'static str> {
+        Some("first_voltage")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
-        for [first, span] in [[0.75, 0.1], [0.82, 0.14], [0.9, 0.15]] {
-            for restrike_s in [0.1, 1.5, 300.0] {
-                points.push(vec![first, span, restrike_s, 0.5]);
+        for span in [0.05, 0.14] {
+            for restrike_s in [0.1, 1.5, 100.0] {
+                points.push(vec![0.8, span, restrike_s, 0.5]);
             }
         }
         points

@@ -18,7 +18,6 @@
 
 use crate::{
     load_model::{
-        MotorCoordinates,
         composed::{Instant, Rest},
         effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place},
     },
@@ -55,8 +54,8 @@ impl Declared for LowVoltageConversion {
         &DECLARATION
     }
 
-    fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
-        [0.6, 0.7, 0.8].map(|v| vec![v]).to_vec()
+    fn threshold(&self) -> Option<&'static str> {
+        Some("voltage")
     }
 }
 

@@ -11,18 +11,21 @@
 //! the equations (1) to (4) of `composed::motor` in which the current is `c i`:
 //!
 //! ```text
-//! c  = 1 - latch(V < V_tr for T_tr) (1 - latch(V > V_rc for T_rc))           (1)
-//! dP = K F (c p' - p),  dQ = K F (c q' - q)                                  (2)
+//! c  = 1 - open(V < V_tr for T_tr, T_o, T_s) (1 - latch(V > V_rc for T_rc))         (1)
+//! dP = K F (c p' - p),  dQ = K F (c q' - q + (1 - c) b v^2)                       (2)
 //! ```
 //!
-//! with `p, q` of the motors that stay and `p', q'` of the share, magnetisation included. A return time
-//! beyond the window means no return. Two groups with different settings are not modelled.
+//! with `p, q` of the motors that stay and `p', q'` of the share, magnetisation included, and `b` the
+//! capacitors at the terminals of the motors, which leave with them. `open` picks up when the voltage
+//! has been low for `T_tr`; then the contacts part after `T_o`, all of them within `T_s`, also when the voltage
+//! is back by then. A return time beyond the window means no return. Two groups with different settings
+//! are not modelled.
 //!
 //! Source: settings Vtr, Ttr, Ftr, Vrc, Trc of motors A to C in the WECC composite load model and the
 //! two blocks of Dynawo's `BaseLoadMotorFifthOrder.mo` (names verified there; values .50-.70, .02 s,
 //! reconnection .65-.75 and .05-.1 s not verified). Coasting: (2) of `composed::motor` with i = 0.
 
-use super::relay;
+use super::relay::{self, SwitchTimes};
 use crate::{
     load_model::MotorCoordinates,
     load_model::{
@@ -47,17 +50,22 @@ const DECLARATION: Declaration = Declaration {
     name: "motor_undervoltage_trip",
     title: "Undervoltage trip of motors",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.3, 1.0, 0.03]),
         Parameter::shape(["trip_voltage", "V_tr", "1"], [0.4, 0.7, 0.94], 0.12),
-        Parameter::positive_shape(["trip_time_s", "T_tr", "s"], [0.005, 0.04, 0.5], 0.7),
+        Parameter::positive_shape(["trip_time_s", "T_tr", "s"], [0.003, 0.02, 0.5], 0.8),
+        Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.03, 0.3], 1.0),
+        Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
+        Parameter::shape(["capacitors", "b", "1"], [0.0, 0.3, 1.5], 0.4),
         Parameter::shape(["return_voltage", "V_rc", "1"], [0.5, 0.8, 0.95], 0.1),
-        Parameter::positive_shape(["return_time_s", "T_rc", "s"], [0.02, 5.0, 300.0], 3.0),
+        Parameter::positive_shape(["return_time_s", "T_rc", "s"], [0.02, 100.0, 1000.0], 3.0),
         MOTOR_REACTANCE,
     ],
     states: &[
         state("trip_timer", "s"),
+        state("picked_up", "1"),
+        state("since_pick_up", "s"),
         state("tripped", "1"),
         state("return_timer", "s"),
         state("returned", "1"),
@@ -90,11 +98,15 @@ impl Declared for MotorUndervoltageTrip {
         &DECLARATION
     }
 
+    fn threshold(&self) -> Option<&'static str> {
+        Some("trip_voltage")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
-        for voltage in [0.55, 0.65, 0.72, 0.8, 0.88] {
+        for opening_s in [0.01, 0.05] {
             for return_time_s in [0.1, 1.5, 300.0] {
-                points.push(vec![voltage, 0.03, 0.8, return_time_s]);
+                points.push(vec![0.7, 0.02, opening_s, 0.02, 0.3, 0.8, return_time_s]);
             }
         }
         points
@@ -107,28 +119,28 @@ impl Declared for MotorUndervoltageTrip {
 
 fn motor_state<S: Elementary>(x: &[S]) -> MotorState<S> {
     MotorState {
-        flux: [x[4], x[5]],
-        second: [x[6], x[7]],
-        speed_rad_s: x[8],
+        flux: [x[6], x[7]],
+        second: [x[8], x[9]],
+        speed_rad_s: x[10],
     }
 }
 
 fn keep<S: Elementary>(x: &mut [S], motor: &MotorState<S>) {
     let [a, b] = motor.flux;
     let [c, d] = motor.second;
-    x[4..].copy_from_slice(&[a, b, c, d, motor.speed_rad_s]);
+    x[6..].copy_from_slice(&[a, b, c, d, motor.speed_rad_s]);
 }
 
 /// (1)
 fn connected<S: Elementary>(x: &[S]) -> S {
-    let returned = -x[3] + 1.0;
-    -(x[1] * returned) + 1.0
+    let returned = -x[5] + 1.0;
+    -(x[3] * returned) + 1.0
 }
 
 impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
     fn motor(&self, p: &[S], motor: &mut MotorDescription<S>) {
         motor.detailed = true;
-        motor.reactance = p[5];
+        motor.reactance = p[8];
     }
 
     fn initialise(&self, _p: &[S], rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
@@ -143,15 +155,42 @@ impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, rest: &Rest<S>) {
         let before = connected(x);
         let low = step.voltage.map(|v| relay::below(v, p[1]));
-        let high = step.voltage.map(|v| -relay::below(v, p[3]) + 1.0);
-        if let [trip_timer, tripped, return_timer, returned, ..] = x {
-            relay::latch([trip_timer, tripped], low, p[2], step.duration_s);
+        let high = step.voltage.map(|v| -relay::below(v, p[6]) + 1.0);
+        if let [
+            trip_timer,
+            picked_up,
+            since,
+            tripped,
+            return_timer,
+            returned,
+            ..,
+        ] = x
+        {
+            let times = SwitchTimes {
+                pick_up_s: p[2],
+                opening_s: p[3],
+                spread_s: p[4],
+            };
+            let relay = [
+                &mut *trip_timer,
+                &mut *picked_up,
+                &mut *since,
+                &mut *tripped,
+            ];
+            relay::open(relay, low, times, step.duration_s);
             if tripped.value() > 0.0 {
-                relay::latch([return_timer, returned], high, p[4], step.duration_s);
+                relay::latch([return_timer, returned], high, p[7], step.duration_s);
             }
-            if returned.value() >= 1.0 && low[2].value() <= 0.0 {
+            if returned.value() >= 1.0 && tripped.value() >= 1.0 && low[2].value() <= 0.0 {
                 // Everything is on again, and the next dip finds the relays as the first did.
-                for state in [trip_timer, tripped, return_timer, returned] {
+                for state in [
+                    trip_timer,
+                    picked_up,
+                    since,
+                    tripped,
+                    return_timer,
+                    returned,
+                ] {
                     *state = S::constant(0.0);
                 }
             }
@@ -168,10 +207,11 @@ impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
         let share = connected(x);
         let [active, reactive] = rest.motor.power(&motor_state(x), at.phasor);
         let magnetising = rest.motor.susceptance * at.voltage * at.voltage;
+        let capacitors = (-share + 1.0) * p[5] * at.voltage * at.voltage;
         let group = rest.motor_share * p[0];
         [
             group * (share * (active * at.motor_active_factor) - at.motor[0]),
-            group * (share * (reactive + magnetising) - at.motor[1]),
+            group * (share * (reactive + magnetising) - at.motor[1] + capacitors),
         ] // (2)
     }
 }

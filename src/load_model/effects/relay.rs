@@ -1,4 +1,4 @@
-//! Blocks for definite-time relays: a smooth condition, a timer, a latch.
+//! Blocks for definite-time relays: a smooth condition, a timer, a latch, a switch with its own time.
 //!
 //! A relay as it is built compares, waits and switches, each without a slope; a model of it has no
 //! derivative with respect to its settings. A thousand relays at a substation have as many
@@ -59,9 +59,64 @@ pub(in crate::load_model) fn latch<S: Scalar>(
     *latched = larger(*latched, switched(*timer, delay_s));
 }
 
+/// Times of a relay and of the switch it opens, s.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct SwitchTimes<S> {
+    /// How long the condition must hold before the relay picks up.
+    pub(super) pick_up_s: S,
+    /// From there until the first contact parts, whatever the voltage does meanwhile.
+    pub(super) opening_s: S,
+    /// From the first contact of the group to the last.
+    pub(super) spread_s: S,
+}
+
+/// A definite-time relay and the switch it opens: `state` holds the relay's timer, the share that
+/// has picked up, the time since then, and the share that is open, which never falls by itself. The
+/// switch opens also where the condition has gone by then: a breaker told to open does not stop
+/// half-way.
+pub(super) fn open<S: Scalar>(
+    state: [&mut S; 4],
+    condition: [S; 3],
+    times: SwitchTimes<S>,
+    duration_s: f64,
+) {
+    let [timer, picked_up, since, opened] = state;
+    let before = *picked_up;
+    latch([timer, picked_up], condition, times.pick_up_s, duration_s);
+    *since = *since + (before + *picked_up) * (0.5 * duration_s);
+    if since.value() > 0.0 {
+        *opened = smooth_step((*since - times.opening_s) / times.spread_s);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_switch_opens_after_the_dip_that_made_its_relay_pick_up() {
+        let times = SwitchTimes {
+            pick_up_s: 0.02,
+            opening_s: 0.05,
+            spread_s: 0.01,
+        };
+        let [mut timer, mut picked_up, mut since, mut opened] = [0.0; 4];
+        let mut half_open_at = None;
+        for k in 0..200 {
+            let voltage = if (50..80).contains(&k) { 0.5 } else { 1.0 };
+            let state = [&mut timer, &mut picked_up, &mut since, &mut opened];
+            open(state, [below(voltage, 0.7); 3], times, 0.001);
+            if opened >= 0.5 && half_open_at.is_none() {
+                half_open_at = Some(k);
+            }
+        }
+        // 50 ms, 20 ms and half of 4 ms until the relay, 50 ms and half of 10 ms: 127 ms.
+        assert!(
+            half_open_at.is_some_and(|k| (125..=128).contains(&k)),
+            "{half_open_at:?}"
+        );
+        assert!((opened - 1.0).abs() < 1e-15);
+    }
 
     #[test]
     fn a_relay_switches_after_its_delay_and_stays() {

@@ -8,14 +8,17 @@
 //! not return.
 //!
 //! ```text
-//! g  = latch(V < V_th for T)                (1)
+//! g  = open(V < V_th for T, T_o, T_s)       (1)
 //! dP = -F g,   dQ = -t F g                  (2)
 //! ```
+//!
+//! `open` picks up when the voltage has been low for `T`; then the contacts part after `T_o`, all of them
+//! within `T_s`, also when the voltage is back by then.
 //!
 //! Source: no published model; the equation is a definite-time relay with memory. Not included: a
 //! count of successive dips, return.
 
-use super::relay;
+use super::relay::{self, SwitchTimes};
 use crate::{
     load_model::{
         MotorCoordinates,
@@ -33,16 +36,26 @@ const DECLARATION: Declaration = Declaration {
     name: "self_disconnection",
     title: "Load that disconnects itself and stays off",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.02]),
         Parameter::shape(["voltage", "V_th", "1"], [0.4, 0.7, 0.94], 0.12),
-        Parameter::shape(["time_s", "T", "s"], [0.0, 0.04, 0.5], 0.05),
+        Parameter::positive_shape(["time_s", "T", "s"], [0.003, 0.02, 0.5], 0.8),
+        Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.02, 0.3], 1.0),
+        Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.5], 0.15),
     ],
     states: &[
         State {
             name: "timer",
+            unit: "s",
+        },
+        State {
+            name: "picked_up",
+            unit: "1",
+        },
+        State {
+            name: "since_pick_up",
             unit: "s",
         },
         State {
@@ -66,14 +79,14 @@ impl Declared for SelfDisconnection {
         &DECLARATION
     }
 
+    fn threshold(&self) -> Option<&'static str> {
+        Some("voltage")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
-        let mut points = Vec::new();
-        for voltage in [0.52, 0.58, 0.64, 0.7, 0.76, 0.82, 0.88] {
-            for time_s in [0.01, 0.06] {
-                points.push(vec![voltage, time_s, 0.0]);
-            }
-        }
-        points
+        [0.003, 0.02, 0.06]
+            .map(|opening_s| vec![0.7, 0.02, opening_s, 0.02, 0.0])
+            .to_vec()
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
@@ -84,14 +97,20 @@ impl Declared for SelfDisconnection {
 impl<S: Elementary> Equations<S> for SelfDisconnection {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let low = step.voltage.map(|v| relay::below(v, p[1]));
-        if let [timer, latched] = x {
-            relay::latch([timer, latched], low, p[2], step.duration_s); // (1)
+        if let [timer, picked_up, since, disconnected] = x {
+            let times = SwitchTimes {
+                pick_up_s: p[2],
+                opening_s: p[3],
+                spread_s: p[4],
+            };
+            let relay = [timer, picked_up, since, disconnected];
+            relay::open(relay, low, times, step.duration_s); // (1)
         }
     }
 
     fn power(&self, p: &[S], x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
-        let lost = -(p[0] * x[1]);
-        [lost, p[3] * lost] // (2)
+        let lost = -(p[0] * x[3]);
+        [lost, p[5] * lost] // (2)
     }
 }
 

@@ -97,13 +97,14 @@ impl Declared for SinglePhaseAcStall {
         &DECLARATION
     }
 
+    fn threshold(&self) -> Option<&'static str> {
+        Some("stall_voltage")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
-        let at = |voltage: f64, thermal_s: f64| vec![voltage, 0.035, 4.4, 4.0, thermal_s, 0.1];
-        let voltages = [0.5, 0.56, 0.62, 0.68, 0.75];
-        voltages
-            .into_iter()
-            .flat_map(|v| [at(v, 5.0), at(v, 15.0)])
-            .collect()
+        [5.0, 15.0]
+            .map(|thermal_s| vec![0.62, 0.035, 4.4, 4.0, thermal_s, 0.1])
+            .to_vec()
     }
 
     fn beside_the_states(&self) -> Vec<usize> {

@@ -81,11 +81,17 @@ impl Declared for TapChanger {
         &DECLARATION
     }
 
+    fn screened_at(&self) -> &'static [f64] {
+        &[0.006_25, 0.0125]
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
-        for half_band in [0.008, 0.012] {
+        for half_band in [0.006, 0.01, 0.016] {
             for delay_s in [1.5_f64, 3.0, 8.0, 30.0] {
-                points.push(vec![half_band, delay_s, delay_s.min(5.0)]);
+                for share in [0.4, 1.0] {
+                    points.push(vec![half_band, delay_s, (share * delay_s).min(8.0)]);
+                }
             }
         }
         points

@@ -1,0 +1,339 @@
+//! Scores of an effect on a fitted model: what a linear extrapolation from its absence promises, over
+//! a grid of its shapes and around the best of them.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{
+    covariance::EventCovariance,
+    fit::{ComposedFit, ComposedFitOptions},
+    rows::EventRows,
+};
+use crate::{
+    identification::intake::PreparedEvent,
+    load_model::{
+        MotorCoordinates,
+        composed::ComposedModel,
+        effect::{Effect, Parameter, Role, Scale},
+    },
+};
+
+/// How strongly the residual of a fitted model points at an effect, at one point of its grid.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Score {
+    /// Values of the effect's shapes.
+    pub shapes: Vec<f64>,
+    /// Amplitudes that a linear extrapolation from the neutral value proposes.
+    pub amplitudes: Vec<f64>,
+    /// By how much these would lower `sum r' Sigma^-1 r`, everything else following.
+    pub gain: f64,
+    /// Which share of the effect the fitted model cannot mimic by its own parameters, 0 to 1.
+    pub visibility: f64,
+    /// Standard error of the first amplitude: what is smaller than about three of it cannot be seen.
+    pub amplitude_error: f64,
+}
+
+/// An amplitude starts within this share of its bounds.
+const START_WITHIN: f64 = 0.6;
+/// Two dips whose lowest voltages are closer than this, relative to V0, leave no gap for a threshold.
+const GAP_MIN: f64 = 0.012;
+/// Thresholds tried at most.
+const THRESHOLDS_MAX: usize = 10;
+/// A dip is at least this deep.
+const DIP: f64 = 0.97;
+/// First steps of a pattern search around a grid point, in standard deviations of the prior and at most
+/// in shares of the range, and how often they are halved.
+const STEP_DEVIATIONS: f64 = 0.7;
+const STEP_OF_RANGE: f64 = 0.15;
+const HALVINGS: usize = 2;
+/// The search goes on with a shape only while it gains this share of what is left.
+const WORTH: f64 = 1e-4;
+
+/// A score, and what would be left of `sum r' Sigma^-1 r`.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    pub(super) score: Score,
+    pub(super) left: f64,
+    /// The size of the first amplitude at which the effect was looked at; `None` for a derivative.
+    pub(super) size: Option<f64>,
+}
+
+/// An effect beside one fitted model.
+pub(super) struct Step<'a> {
+    pub(super) rows: &'a [EventRows<'a>],
+    pub(super) model: &'a ComposedModel,
+    pub(super) effect: &'static dyn Effect,
+    pub(super) origin: &'a ComposedFit,
+    pub(super) options: &'a ComposedFitOptions,
+    pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// What of a score does not depend on the shapes: the derivative columns of what was free before with
+/// the residual, and the covariance, of every event.
+pub(super) type Base = Vec<(DMatrix<f64>, EventCovariance)>;
+
+/// Voltages at which a threshold may lie: below all dips, in the gaps between their lowest voltages,
+/// and above the mildest.
+pub(super) fn thresholds(events: &[PreparedEvent], declared: &Parameter) -> Vec<f64> {
+    let mut lowest: Vec<f64> = events
+        .iter()
+        .map(|e| e.lowest_voltage)
+        .filter(|v| *v < DIP)
+        .collect();
+    lowest.sort_by(f64::total_cmp);
+    lowest.push(1.0);
+    let within = |v: f64| v.clamp(declared.lower, declared.upper);
+    let mut list = vec![declared.lower];
+    for pair in lowest.windows(2) {
+        if pair[1] - pair[0] > GAP_MIN {
+            list.push(within(0.5 * (pair[0] + pair[1])));
+        }
+    }
+    list.dedup();
+    let count = list.len();
+    if count <= THRESHOLDS_MAX {
+        return list;
+    }
+    let chosen = (0..THRESHOLDS_MAX).map(|i| list[i * (count - 1) / (THRESHOLDS_MAX - 1)]);
+    chosen.collect()
+}
+
+impl Step<'_> {
+    /// The origin's parameters with the effect absent.
+    pub(super) fn neutral(&self) -> Vec<f64> {
+        let value = |name: &str| {
+            let place = self.origin.model.index(name)?;
+            self.origin.parameters.get(place).copied()
+        };
+        let parameters = self.model.parameters().iter();
+        parameters
+            .map(|p| value(&p.name).unwrap_or(p.declaration.neutral))
+            .collect()
+    }
+
+    /// Indices of the effect's own parameters that a predicate picks.
+    pub(super) fn own(&self, picks: impl Fn(&Parameter) -> bool) -> Vec<usize> {
+        let name = self.effect.declaration().name;
+        let all = self.model.parameters().iter().enumerate();
+        all.filter(|(_, p)| p.effect == Some(name) && picks(&p.declaration))
+            .map(|(index, _)| index)
+            .collect()
+    }
+
+    /// Parameters that were free in the origin, as indices into this model.
+    pub(super) fn free_before(&self) -> Vec<usize> {
+        let names = self
+            .origin
+            .free
+            .iter()
+            .map(|&i| &self.origin.model.parameters()[i].name);
+        names.filter_map(|name| self.model.index(name)).collect()
+    }
+
+    /// Where the effect's threshold is in the model's vector.
+    pub(super) fn threshold(&self) -> Option<usize> {
+        let name = self.effect.threshold()?;
+        let own = self.effect.declaration().name;
+        self.model.index(&format!("{own}.{name}"))
+    }
+
+    /// The grid: the effect's own, with every threshold in `voltages`.
+    fn grid(&self, voltages: &[f64]) -> Vec<Vec<f64>> {
+        let neutral = self.neutral();
+        let motor = MotorCoordinates {
+            alpha_per_s: neutral[0].exp(),
+            nu_per_s2: neutral[1].exp(),
+            kappa: neutral[2],
+        };
+        let own = self.effect.nuisance_grid(&motor);
+        let shapes = self.own(|p| p.role == Role::Shape);
+        let place = (self.threshold()).and_then(|index| shapes.iter().position(|i| *i == index));
+        let Some(place) = place.filter(|_| !voltages.is_empty()) else {
+            return own;
+        };
+        let mut points: Vec<Vec<f64>> = Vec::new();
+        for point in own {
+            for voltage in voltages {
+                let mut at = point.clone();
+                at[place] = *voltage;
+                if !points.contains(&at) {
+                    points.push(at);
+                }
+            }
+        }
+        points
+    }
+
+    /// Candidates over the grid, best first.
+    pub(super) fn screen(&self, base: &Base, voltages: &[f64]) -> Vec<Candidate> {
+        let sizes = self.effect.screened_at();
+        let sizes: Vec<Option<f64>> = if sizes.is_empty() {
+            vec![None]
+        } else {
+            sizes.iter().copied().map(Some).collect()
+        };
+        let mut found: Vec<Candidate> = Vec::new();
+        for at in self.grid(voltages) {
+            for size in &sizes {
+                found.extend(self.candidate(at.clone(), *size, base));
+            }
+        }
+        found.sort_by(|a, b| a.left.total_cmp(&b.left));
+        found
+    }
+
+    /// Moves one shape after the other while less is left: a pattern search over the linear score,
+    /// which needs no slope in a threshold or a delay.
+    pub(super) fn polish(&self, from: Candidate, base: &Base) -> Candidate {
+        let shapes = self.own(|p| p.role == Role::Shape);
+        let mut best = from;
+        for halving in 0..=HALVINGS {
+            let shrink = 0.5_f64.powi(i32::try_from(halving).unwrap_or(0));
+            for (place, &index) in shapes.iter().enumerate() {
+                let declared = &self.model.parameters()[index].declaration;
+                for direction in [1.0, -1.0] {
+                    let mut at = best.score.shapes.clone();
+                    at[place] = moved(at[place], declared, direction * shrink);
+                    if at == best.score.shapes {
+                        continue;
+                    }
+                    let Some(next) = self.candidate(at, best.size, base) else {
+                        continue;
+                    };
+                    if next.left < best.left * (1.0 - WORTH) {
+                        best = next;
+                        break;
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// Derivative columns of what was free before, the residual, and the covariance of every event.
+    pub(super) fn base_columns(&self) -> Option<Base> {
+        let neutral = &self.neutral();
+        let wanted = self.free_before();
+        let scatter = &self.options.scatter;
+        let columns = |event: &EventRows<'_>| {
+            let rows = event.expanded(self.model, neutral, &wanted).ok()?;
+            let covariance = event.covariance(self.model, neutral, scatter).ok()??;
+            Some((rows, covariance))
+        };
+        self.rows.iter().map(columns).collect()
+    }
+
+    /// The score of the amplitudes at one grid point: the least squares problem of amplitudes and
+    /// base parameters together, linearised at the neutral value.
+    fn candidate(&self, shapes: Vec<f64>, size: Option<f64>, base: &Base) -> Option<Candidate> {
+        if (self.cancel)() {
+            return None;
+        }
+        let at = &self.at(&shapes);
+        let amplitudes = self.own(Parameter::is_amplitude);
+        let before = self.free_before().len();
+        let count = amplitudes.len();
+        let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
+        for (event, (base, covariance)) in self.rows.iter().zip(base) {
+            let added = self.added(event, at, &amplitudes, size)?;
+            let mut rows = DMatrix::zeros(base.nrows(), before + count + 1);
+            rows.columns_mut(0, before)
+                .copy_from(&base.columns(0, before));
+            rows.columns_mut(before, count + 1).copy_from(&added);
+            sum += covariance.gram(&rows);
+        }
+        for i in 0..before {
+            // What the base leaves undetermined must not be divided by.
+            sum[(i, i)] *= 1.0 + 1e-9;
+        }
+        let base_part = sum.view((0, 0), (before, before)).into_owned().cholesky()?;
+        let cross = sum.view((0, before), (before, count + 1)).into_owned();
+        let own = sum
+            .view((before, before), (count + 1, count + 1))
+            .into_owned();
+        let projected = &own - cross.tr_mul(&base_part.solve(&cross));
+        let information = projected.view((0, 0), (count, count)).into_owned();
+        let right: DVector<f64> = projected
+            .view((0, count), (count, 1))
+            .column(0)
+            .into_owned();
+        let visibility = (0..count)
+            .map(|i| projected[(i, i)] / own[(i, i)].max(f64::MIN_POSITIVE))
+            .fold(1.0, f64::min);
+        let amplitude = self.amplitude(&information, &right, &amplitudes)?;
+        let gain = 2.0 * amplitude.dot(&right) - (amplitude.tr_mul(&information) * &amplitude)[0];
+        let score = Score {
+            shapes,
+            amplitude_error: information[(0, 0)].max(f64::MIN_POSITIVE).sqrt().recip(),
+            amplitudes: amplitude.iter().copied().collect(),
+            gain,
+            visibility,
+        };
+        let left = projected[(count, count)] - gain;
+        (gain.is_finite() && left.is_finite()).then_some(Candidate { score, left, size })
+    }
+
+    /// The columns of the amplitudes and the residual without the effect: derivatives, or for the first
+    /// amplitude what it does at a size, per unit of it.
+    fn added(
+        &self,
+        event: &EventRows<'_>,
+        at: &[f64],
+        amplitudes: &[usize],
+        size: Option<f64>,
+    ) -> Option<DMatrix<f64>> {
+        let (Some(size), Some(&first)) = (size, amplitudes.first()) else {
+            return event.expanded(self.model, at, amplitudes).ok();
+        };
+        let mut added = event.expanded(self.model, at, &amplitudes[1..]).ok()?;
+        let mut with = at.to_vec();
+        with[first] += size;
+        let residual = event.residual(self.model, &with).ok()?;
+        let column = (added.column(added.ncols() - 1) - residual) / size;
+        added = added.insert_column(0, 0.0);
+        added.set_column(0, &column);
+        Some(added)
+    }
+
+    /// The origin's parameters with the effect absent and of these shapes.
+    pub(super) fn at(&self, shapes: &[f64]) -> Vec<f64> {
+        let mut at = self.neutral();
+        let places = self.own(|p| p.role == Role::Shape);
+        for (index, value) in places.iter().zip(shapes) {
+            at[*index] = *value;
+        }
+        at
+    }
+
+    /// Least squares under the signs the amplitudes may have.
+    fn amplitude(
+        &self,
+        information: &DMatrix<f64>,
+        right: &DVector<f64>,
+        places: &[usize],
+    ) -> Option<DVector<f64>> {
+        let mut regular = information.clone();
+        for i in 0..places.len() {
+            regular[(i, i)] += 1e-9 * information[(i, i)] + f64::MIN_POSITIVE;
+        }
+        let mut amplitude = regular.cholesky()?.solve(right);
+        for (value, &place) in amplitude.iter_mut().zip(places) {
+            let declared = self.model.parameters()[place].declaration;
+            let (low, high) = (
+                declared.lower - declared.neutral,
+                declared.upper - declared.neutral,
+            );
+            *value = value.clamp(START_WITHIN * low, START_WITHIN * high);
+        }
+        Some(amplitude)
+    }
+}
+
+/// A shape a step further, within its bounds.
+fn moved(value: f64, declared: &Parameter, steps: f64) -> f64 {
+    let logarithmic = declared.prior.scale == Scale::Logarithmic;
+    let scaled = |x: f64| if logarithmic { x.ln() } else { x };
+    let (lower, upper) = (scaled(declared.lower), scaled(declared.upper));
+    let step = (STEP_DEVIATIONS * declared.prior.deviation).min(STEP_OF_RANGE * (upper - lower));
+    let moved = (scaled(value) + steps * step).clamp(lower, upper);
+    if logarithmic { moved.exp() } else { moved }
+}
