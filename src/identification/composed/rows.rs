@@ -73,7 +73,18 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<Response, SimulationError> {
-        model.simulate(parameters, wanted, &drive(self.event))
+        let event = self.event;
+        let (own, slopes) = model.on_event_base(parameters, event.v0_pu, event.p0_pu);
+        let mut response = model.simulate(&own, wanted, &drive(event))?;
+        let columns = (response.active_derivatives.iter_mut())
+            .zip(&mut response.reactive_derivatives)
+            .zip(wanted);
+        for ((active, reactive), index) in columns {
+            for derivative in active.iter_mut().chain(reactive) {
+                *derivative *= slopes[*index];
+            }
+        }
+        Ok(response)
     }
 
     /// Measured minus modelled.
