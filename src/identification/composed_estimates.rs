@@ -27,10 +27,12 @@ pub(super) fn composed_estimates(
     operating_point: &OperatingPoint,
     nominal_hz: f64,
 ) -> (Estimates, Precision) {
-    let precision = precision(fit);
+    let OperatingPoint { v0_pu, p0_pu, .. } = *operating_point;
+    let (own, slopes) = fit.model.on_event_base(&fit.parameters, v0_pu, p0_pu);
+    let precision = precision(fit, &slopes);
     let parameters = fit.model.parameters();
     let located = Located {
-        coordinates: fit.parameters[..SIZE].to_vec(),
+        coordinates: own[..SIZE].to_vec(),
         held: (0..SIZE)
             .map(|i| at_bound(&parameters[i], fit.parameters[i]))
             .collect(),
@@ -95,15 +97,15 @@ fn at_bound(parameter: &ModelParameter, value: f64) -> bool {
     value - declared.lower <= close || declared.upper - value <= close
 }
 
-/// Covariance of the eight coordinates of ZIP and motor, effects free; where the fit is worse than
-/// the noise, errors grow with it.
-fn precision(fit: &ComposedFit) -> Precision {
+/// Covariance of the eight coordinates of ZIP and motor, effects free, on a base whose derivatives with
+/// respect to the declared values are `slopes`; where the fit is worse than the noise, errors grow with it.
+fn precision(fit: &ComposedFit, slopes: &[f64]) -> Precision {
     let scale = fit.chi_square_per_row().max(1.0).sqrt();
     let unknown = DMatrix::from_element(SIZE, SIZE, f64::NAN);
     let covariance = fit.covariance.as_ref().map_or(unknown, |all| {
         let place = |i: usize| fit.free.iter().position(|f| *f == i);
         DMatrix::from_fn(SIZE, SIZE, |i, j| match (place(i), place(j)) {
-            (Some(a), Some(b)) => scale * scale * all[(a, b)],
+            (Some(a), Some(b)) => scale * scale * slopes[i] * all[(a, b)] * slopes[j],
             _ => 0.0,
         })
     });

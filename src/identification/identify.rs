@@ -576,7 +576,14 @@ fn composed_of(
     };
     let effects = model.parameters().iter().skip(base.len()).map(own);
     let values: Vec<f64> = effects.collect::<Result<_, _>>()?;
-    let parameters = base.iter().copied().chain(values).collect();
+    // The set's coordinates are those of its operating point.
+    let OperatingPoint { v0_pu, p0_pu, .. } = set.operating_point;
+    let declared = |(p, own): (&ModelParameter, &f64)| {
+        let reference = p.declaration.reference;
+        reference.declared(*own, v0_pu, p0_pu)
+    };
+    let declared = model.parameters().iter().zip(base).map(declared);
+    let parameters = declared.chain(values).collect();
     Ok(ComposedLoad {
         structure,
         model,

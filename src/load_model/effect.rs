@@ -21,7 +21,9 @@ use std::fmt::Debug;
 
 use super::{
     Infeasible, MotorCoordinates,
-    composed::{Feeder, Instant, Motor, MotorDescription, Rest, Series, Step},
+    composed::{
+        Feeder, FrequencyCourse, Instant, Motor, MotorDescription, Rest, Seen, Series, Step,
+    },
 };
 use crate::numerics::{Elementary, Sensitivities};
 
@@ -58,6 +60,44 @@ pub struct Prior {
     pub deviation: f64,
     /// Linear or logarithmic.
     pub scale: Scale,
+}
+
+/// How a parameter goes with the operating point of an event. Declared values hold at 1 pu voltage
+/// and, where power enters, at 1 pu load. Everything is simulated on the base of an event's own P0 and
+/// V0, where the same equipment has other figures whenever those differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reference {
+    /// It does not depend on it.
+    Anywhere,
+    /// An impedance on the initial power of a group of motors, `~ V0^-2`: at another load there are
+    /// more or fewer of the same motors.
+    GroupImpedance,
+    /// The logarithm of a group's admittance, `~ ln V0^2`.
+    LogarithmOfGroupAdmittance,
+    /// An impedance that is there whatever the load, `~ P0/V0^2`.
+    FixedImpedance,
+}
+
+impl Reference {
+    /// The value on the base of an event, and its derivative with respect to the declared one.
+    #[must_use]
+    pub fn on_event_base(self, declared: f64, v0_pu: f64, p0_pu: f64) -> (f64, f64) {
+        let square = v0_pu * v0_pu;
+        let factor = match self {
+            Self::Anywhere => 1.0,
+            Self::LogarithmOfGroupAdmittance => return (declared + square.ln(), 1.0),
+            Self::GroupImpedance => 1.0 / square,
+            Self::FixedImpedance => p0_pu / square,
+        };
+        (factor * declared, factor)
+    }
+
+    /// The declared value of one on the base of an event.
+    #[must_use]
+    pub fn declared(self, on_event_base: f64, v0_pu: f64, p0_pu: f64) -> f64 {
+        let (zero, slope) = self.on_event_base(0.0, v0_pu, p0_pu);
+        (on_event_base - zero) / slope
+    }
 }
 
 /// What a parameter does to its effect.
@@ -102,9 +142,17 @@ pub struct Parameter {
     pub prior: Prior,
     /// Amplitude or shape.
     pub role: Role,
+    /// How it goes with the operating point.
+    pub reference: Reference,
 }
 
 impl Parameter {
+    /// The same with another dependence on the operating point.
+    #[must_use]
+    pub const fn with_reference(self, reference: Reference) -> Self {
+        Self { reference, ..self }
+    }
+
     /// Whether the effect vanishes at the neutral value (of all its amplitudes).
     #[must_use]
     pub const fn is_amplitude(&self) -> bool {
@@ -134,6 +182,7 @@ impl Parameter {
                 scale: Scale::Linear,
             },
             role: Role::OneSidedAmplitude { meaningful },
+            reference: Reference::Anywhere,
         }
     }
 
@@ -157,6 +206,7 @@ impl Parameter {
                 scale: Scale::Linear,
             },
             role: Role::TwoSidedAmplitude { meaningful },
+            reference: Reference::Anywhere,
         }
     }
 
@@ -181,6 +231,7 @@ impl Parameter {
                 scale: Scale::Linear,
             },
             role: Role::Shape,
+            reference: Reference::Anywhere,
         }
     }
 
@@ -199,19 +250,22 @@ impl Parameter {
     }
 }
 
-/// The motor's reactance `X` on its own initial power and V0. A plain third-order motor does not
+/// The motor's reactance `X` on its own initial power, at 1 pu. A plain third-order motor does not
 /// need it (`1/x` is absorbed by a constant-impedance load); losses, coasting and saturation do.
+/// Range: stator plus magnetising reactance of 2 to 5 pu on the rating (Kundur, "Power System
+/// Stability and Control", table 7.1, from memory), at 60 to 90 % loading.
 pub const MOTOR_REACTANCE: Parameter = Parameter {
     role: Role::Shared,
+    reference: Reference::GroupImpedance,
     ..Parameter::positive_shape(
         ["motor_reactance", "x", "1"],
-        [0.8, TYPICAL_MOTOR_REACTANCE, 8.0],
-        0.5,
+        [1.2, TYPICAL_MOTOR_REACTANCE, 5.0],
+        0.3,
     )
 };
 
-/// `X` where nothing declares it: about 3 pu on the rating, at 70 % loading.
-pub const TYPICAL_MOTOR_REACTANCE: f64 = 2.0;
+/// `X` where nothing declares it: about 3 pu on the rating, at 75 % loading.
+pub const TYPICAL_MOTOR_REACTANCE: f64 = 2.2;
 
 /// A state variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -233,8 +287,8 @@ pub enum Place {
     Gain,
     /// [`Equations::frequency`].
     Frequency,
-    /// [`Equations::motor_active_factor`].
-    MotorActivePower,
+    /// [`Equations::motor_frequency`].
+    MotorFrequency,
     /// [`Equations::power`].
     Power,
     /// [`Equations::advance`].
@@ -444,10 +498,8 @@ pub trait Equations<S: Elementary> {
     /// Takes the states over one step.
     fn advance(&self, _p: &[S], _x: &mut [S], _step: &Step<S>, _rest: &Rest<S>) {}
 
-    /// Factor on the active power of every motor, 1 at rest.
-    fn motor_active_factor(&self, _p: &[S], _frequency_deviation: S) -> S {
-        S::constant(1.0)
-    }
+    /// Changes what every motor sees of the network's frequency, at the output instants.
+    fn motor_frequency(&self, _p: &[S], _course: &FrequencyCourse<'_, S>, _seen: &mut [Seen<S>]) {}
 
     /// Active and reactive power added, over P0, zero at rest.
     fn power(&self, _p: &[S], _x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
@@ -491,11 +543,10 @@ pub trait Declared: Debug + Send + Sync {
         vec![self.declaration().shapes().map(|p| p.typical).collect()]
     }
 
-    /// Parameters, as indices into those declared, of which only [`Equations::power`],
-    /// [`Equations::motor_active_factor`] and [`Equations::measure`] make use, so that no state depends on
-    /// them. Their derivatives cost no integration. By default all of an effect that acts nowhere else.
+    /// Parameters, as indices into those declared, of which only [`Equations::power`] and
+    /// [`Equations::measure`] make use, so that no state depends on them. Their derivatives cost no integration. By default all of an effect that acts nowhere else.
     fn beside_the_states(&self) -> Vec<usize> {
-        const BESIDE: [Place; 3] = [Place::Power, Place::MotorActivePower, Place::Measurement];
+        const BESIDE: [Place; 2] = [Place::Power, Place::Measurement];
         let declared = self.declaration();
         if declared.acts_on.iter().all(|place| BESIDE.contains(place)) {
             (0..declared.parameters.len()).collect()

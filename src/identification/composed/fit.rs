@@ -161,7 +161,11 @@ pub(super) struct Place<'a> {
 
 impl<'a> Place<'a> {
     /// The problem with the covariances of a point, from memory where `known` is that point.
-    pub(super) fn problem(&self, x: &DVector<f64>, known: Option<Linearised>) -> Option<ComposedProblem<'a>> {
+    pub(super) fn problem(
+        &self,
+        x: &DVector<f64>,
+        known: Option<Linearised>,
+    ) -> Option<ComposedProblem<'a>> {
         let parameters = self.coordinates.parameters(x);
         let mut wanted = self.coordinates.indices();
         for (index, _) in random_effects(self.model, &parameters, self.scatter) {

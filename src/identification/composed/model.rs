@@ -25,7 +25,7 @@ pub struct ComposedLoad {
 
 impl EventModel for ComposedLoad {
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
-        let own = at_operating_point(&self.model, &self.parameters, event.p0_pu);
+        let own = at_operating_point(&self.model, &self.parameters, event).0;
         let response = self.model.simulate(&own, &[], &drive(event))?;
         let measured = event.chain.measured(&response.active, &response.reactive);
         let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();

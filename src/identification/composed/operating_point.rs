@@ -4,7 +4,10 @@
 //! a_e = a P0^-e,   d a_e/d a = P0^-e,   d a_e/d e = -a_e ln P0                      (1)
 //! ```
 
-use crate::load_model::{composed::ComposedModel, effects};
+use crate::{
+    identification::intake::PreparedEvent,
+    load_model::{composed::ComposedModel, effects},
+};
 
 /// Places of an amplitude and of its exponent in a model's vector.
 #[derive(Clone, Copy, Debug)]
@@ -53,17 +56,22 @@ pub(super) fn load_exponents(model: &ComposedModel) -> Vec<LoadExponent> {
     list
 }
 
-/// The parameters of a model in an event of the active power P0, pu of the site's base.
+/// The parameters of a model on the base of an event, and the derivative of each with respect to the
+/// declared one; amplitudes with an exponent have theirs from [`LoadExponent`] instead.
 pub(super) fn at_operating_point(
     model: &ComposedModel,
     parameters: &[f64],
-    p0_pu: f64,
-) -> Vec<f64> {
-    let mut own = parameters.to_vec();
+    event: &PreparedEvent,
+) -> (Vec<f64>, Vec<f64>) {
+    let (mut own, slopes) = model.on_event_base(parameters, event.v0_pu, event.p0_pu);
+    scale(model, parameters, event.p0_pu, &mut own);
+    (own, slopes)
+}
+
+fn scale(model: &ComposedModel, parameters: &[f64], p0_pu: f64, own: &mut [f64]) {
     for e in load_exponents(model) {
         own[e.amplitude] = e.amplitude_at(parameters, p0_pu);
     }
-    own
 }
 
 #[cfg(test)]
@@ -82,7 +90,8 @@ mod tests {
         parameters[pair.amplitude] = 0.2;
         for (exponent, expected) in [(0.0, 0.2), (1.0, 0.25)] {
             parameters[pair.exponent] = exponent;
-            let own = at_operating_point(&model, &parameters, 0.8);
+            let mut own = parameters.clone();
+            scale(&model, &parameters, 0.8, &mut own);
             assert!((own[pair.amplitude] - expected).abs() < 1e-12);
         }
         let slope = pair.exponent_slope(&parameters, 0.8);

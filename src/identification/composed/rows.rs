@@ -76,8 +76,18 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<Response, SimulationError> {
-        let own = at_operating_point(model, parameters, self.event.p0_pu);
-        model.simulate(&own, wanted, &drive(self.event))
+        let event = self.event;
+        let (own, slopes) = at_operating_point(model, parameters, event);
+        let mut response = model.simulate(&own, wanted, &drive(event))?;
+        let columns = (response.active_derivatives.iter_mut())
+            .zip(&mut response.reactive_derivatives)
+            .zip(wanted);
+        for ((active, reactive), index) in columns {
+            for derivative in active.iter_mut().chain(reactive) {
+                *derivative *= slopes[*index];
+            }
+        }
+        Ok(response)
     }
 
     /// Measured minus modelled.

@@ -1,6 +1,6 @@
 //! The parameters every composed model has: those of ZIP and motor.
 
-use crate::load_model::effect::{Parameter, Prior, Role, Scale};
+use crate::load_model::effect::{Parameter, Prior, Reference, Role, Scale};
 
 /// Number of base parameters.
 pub const BASE_PARAMETERS: usize = 8;
@@ -24,6 +24,7 @@ const fn base(
             scale: Scale::Linear,
         },
         role: Role::Base,
+        reference: Reference::Anywhere,
     }
 }
 
@@ -34,15 +35,18 @@ const UNKNOWN: [f64; 2] = [0.0, f64::INFINITY];
 
 /// Base parameters in the order of the model's vector: `ln alpha`, `ln nu`, `kappa`, and the linear
 /// coefficients of [`LinearCoefficients`](crate::load_model::LinearCoefficients). The bounds are
-/// those of the joint problem of `identification`, the priors on the static coefficients too.
+/// those of the joint problem of `identification`, the priors on the static coefficients too. With `x'` in
+/// it `kappa` falls with V0^2 and `nu` rises with it; `alpha` has no impedance in it.
 pub const BASE: [Parameter; BASE_PARAMETERS] = [
     base(
         ["ln_alpha", "ln alpha", "1"],
         [LN_HALF, 3.5, LN_300],
         UNKNOWN,
     ),
-    base(["ln_nu", "ln nu", "1"], [LN_HALF, 7.0, LN_40000], UNKNOWN),
-    base(["kappa", "kappa", "1"], [0.01, 0.36, 0.995], UNKNOWN),
+    base(["ln_nu", "ln nu", "1"], [LN_HALF, 7.0, LN_40000], UNKNOWN)
+        .with_reference(Reference::LogarithmOfGroupAdmittance),
+    base(["kappa", "kappa", "1"], [0.01, 0.36, 0.995], UNKNOWN)
+        .with_reference(Reference::GroupImpedance),
     base(["motor_share", "K", "1"], [0.02, 0.4, 0.95], UNKNOWN),
     base(
         ["active_quadratic", "c_z", "1"],

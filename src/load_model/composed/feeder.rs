@@ -40,6 +40,19 @@ impl<S: Elementary> Feeder<S> {
             reactance: S::constant(0.0),
         }
     }
+
+    /// `|u_L0|^2`.
+    #[must_use]
+    pub fn load_voltage_square(&self, rest_reactive: f64) -> S {
+        complex::square(self.load_voltage(rest_reactive))
+    }
+
+    /// `u_L0`.
+    fn load_voltage(&self, rest_reactive: f64) -> [S; 2] {
+        let current = [S::constant(1.0), S::constant(-rest_reactive)];
+        let drop = complex::product([self.resistance, self.reactance], current);
+        [S::constant(1.0) - drop[0], -drop[1]]
+    }
 }
 
 /// Steps of the iteration; the plain one gains a digit or more per step where there is a solution.
@@ -163,8 +176,7 @@ impl<S: Implicit> Network<S> {
         let one = S::constant(1.0);
         let impedance = [feeder.resistance, feeder.reactance];
         let current = [one, S::constant(-rest_reactive)];
-        let drop = complex::product(impedance, current);
-        let rest = [one - drop[0], -drop[1]];
+        let rest = feeder.load_voltage(rest_reactive);
         let power = complex::product(rest, complex::conjugate(current));
         let square = complex::square(rest);
         let scale = motor_share * power[0] / square;

@@ -29,7 +29,7 @@ mod tests;
 use std::sync::Arc;
 
 pub use base::{BASE, BASE_PARAMETERS};
-pub use context::{Instant, Rest, Series, Step};
+pub use context::{FrequencyCourse, Instant, Rest, Seen, Series, Step};
 pub use feeder::Feeder;
 pub use motor::{Motor, MotorDescription, MotorState};
 
@@ -201,6 +201,16 @@ impl ComposedModel {
             .iter()
             .map(|p| p.declaration.typical)
             .collect()
+    }
+
+    /// A vector on the base of an event with this operating point, and the derivative of each entry
+    /// with respect to the declared one. [`simulate`](Self::simulate) wants such a vector.
+    #[must_use]
+    pub fn on_event_base(&self, declared: &[f64], v0_pu: f64, p0_pu: f64) -> (Vec<f64>, Vec<f64>) {
+        let of = |(p, value): (&ModelParameter, &f64)| {
+            p.declaration.reference.on_event_base(*value, v0_pu, p0_pu)
+        };
+        self.parameters.iter().zip(declared).map(of).unzip()
     }
 
     /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the

@@ -78,6 +78,15 @@ impl<S: Elementary> MotorDescription<S> {
         }
     }
 
+    /// Takes constants that refer to a voltage of 1 to the base of another, given by its square.
+    pub fn refer_to(&mut self, voltage_square: S) {
+        let c = &mut self.coordinates;
+        c.kappa = c.kappa / voltage_square;
+        c.nu_per_s2 = c.nu_per_s2 * voltage_square;
+        self.reactance = self.reactance / voltage_square;
+        self.stator_resistance = self.stator_resistance.map(|r| r / voltage_square);
+    }
+
     fn is_detailed(&self) -> bool {
         self.detailed
             || self.stator_resistance.is_some()

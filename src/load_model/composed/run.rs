@@ -2,7 +2,8 @@
 //! then the instrument.
 
 use super::{
-    Drive, Instant, MotorDescription, Rest, Series, SimulationError, Step, complex,
+    Drive, FrequencyCourse, Instant, MotorDescription, Rest, Seen, Series, SimulationError, Step,
+    complex,
     feeder::{Implicit, Network, Secant, Solution},
     grid::Grid,
     kept::Kept,
@@ -95,7 +96,6 @@ impl<S: Pass> Acting<'_, '_, S> {
 /// The effects of a pass by the place where they act.
 struct Places<'r, 'a, S> {
     gain: Vec<&'r Acting<'r, 'a, S>>,
-    motor_active: Vec<&'r Acting<'r, 'a, S>>,
     power: Vec<&'r Acting<'r, 'a, S>>,
     states: Vec<&'r Acting<'r, 'a, S>>,
 }
@@ -113,6 +113,17 @@ struct Simulation<'r, 'a, S> {
     frequency: Vec<S>,
     /// Solutions at the load that a pass before has found, in order.
     known: Vec<Solution>,
+    /// What motors see of the frequency; none where it is what was measured.
+    seen: Option<Vec<View<S>>>,
+}
+
+/// The motors' view at one output instant.
+#[derive(Clone, Copy)]
+struct View<S> {
+    /// Factor on the phasor they see.
+    turn: [S; 2],
+    /// Factor on their power.
+    factor: S,
 }
 
 /// What moves during a pass.
@@ -142,6 +153,8 @@ impl<S: Pass> Now<S> {
 #[derive(Clone, Copy)]
 struct Moment<S> {
     index: usize,
+    /// How far it is to the next, 0 to 1.
+    share: f64,
     /// Frequency deviation, pu.
     deviation: S,
 }
@@ -186,11 +199,11 @@ pub(super) fn run<S: Pass>(
         time_s: &grid.time_s,
         coupled: network.is_some() || at(Place::Gain).next().is_some(),
         network,
+        seen: seen(drive, grid, &frequency, effects),
         rest,
         linear,
         places: Places {
             gain: at(Place::Gain).collect(),
-            motor_active: at(Place::MotorActivePower).collect(),
             power: at(Place::Power).collect(),
             states: at(Place::States).collect(),
         },
@@ -235,6 +248,16 @@ fn at_rest<S: Pass>(
     {
         e.equations.motor(&e.parameters, &mut description);
     }
+    let feeder = effects
+        .iter()
+        .find(|e| e.declaration.acts_on(Place::Feeder))
+        .map(|e| e.equations.feeder(&e.parameters));
+    let load_voltage_square = feeder.map_or(S::constant(1.0), |feeder| {
+        feeder.load_voltage_square(drive.reactive_at_rest)
+    });
+    if feeder.is_some() {
+        description.refer_to(load_voltage_square);
+    }
     let motor = Motor::new(&description)?;
     let [share, c_z, c_i, d_z, d_i] = linear;
     Ok(Rest {
@@ -246,8 +269,46 @@ fn at_rest<S: Pass>(
             -(share + c_z + c_i) + 1.0,
             -(share * motor.rest_power[1] + d_z + d_i) + drive.reactive_at_rest,
         ],
+        load_voltage_square,
         synchronous_speed_rad_s,
     })
+}
+
+/// What motors see of the frequency where an effect makes a difference.
+fn seen<S: Pass>(
+    drive: &Drive<'_>,
+    grid: &Grid,
+    frequency: &[S],
+    effects: &[Active<'_, S>],
+) -> Option<Vec<View<S>>> {
+    let mut acting = effects
+        .iter()
+        .filter(|e| e.declaration.acts_on(Place::MotorFrequency))
+        .peekable();
+    acting.peek()?;
+    let course = FrequencyCourse {
+        time_s: &grid.time_s,
+        deviation: frequency,
+        onset_s: (grid.jump.iter().position(|jump| *jump)).map(|k| grid.time_s[k]),
+        synchronous_speed_rad_s: drive.terminal.synchronous_speed_rad_s,
+    };
+    let nothing = Seen {
+        frequency: S::constant(1.0),
+        turn_rad: S::constant(0.0),
+    };
+    let mut seen = vec![nothing; frequency.len()];
+    for e in acting {
+        e.equations
+            .motor_frequency(&e.parameters, &course, &mut seen);
+    }
+    let view = |at: Seen<S>| {
+        let [sine, cosine] = at.turn_rad.sin_cos();
+        View {
+            turn: [cosine / at.frequency, sine / at.frequency],
+            factor: at.frequency,
+        }
+    };
+    Some(seen.into_iter().map(view).collect())
 }
 
 /// Lets the instruments act on the series.
@@ -318,7 +379,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
                 let index = output[0].len() - 1;
-                if self.coupled {
+                if self.coupled || self.seen.is_some() {
                     // Substeps since the last output and per output interval.
                     let each = substeps / outputs;
                     let share = |j: usize| (j % each) as f64 / each as f64;
@@ -368,6 +429,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
         let next = self.frequency.get(index + 1).map_or(here, |f| *f);
         Moment {
             index,
+            share,
             deviation: here + (next - here) * share,
         }
     }
@@ -377,7 +439,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
         if !self.places.states.is_empty() {
             let phasor = constants(u);
             let voltage = u.map(|[re, im]| S::constant((re * re + im * im).sqrt()));
-            self.advance_effects(now, phasor, voltage, duration_s, index);
+            self.advance_effects(now, [phasor; 2], voltage, duration_s, index);
         }
         now.motor = self.rest.motor.step(&now.motor, u, duration_s);
     }
@@ -385,7 +447,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
     fn advance_effects(
         &self,
         now: &mut Now<S>,
-        phasor: [[S; 2]; 3],
+        [phasor, motor_phasor]: [[[S; 2]; 3]; 2],
         voltage: [S; 3],
         duration_s: f64,
         index: usize,
@@ -393,6 +455,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
         let step = Step {
             duration_s,
             phasor,
+            motor_phasor,
             voltage,
             frequency_deviation: self.frequency[index],
         };
@@ -415,10 +478,11 @@ impl<S: Pass> Simulation<'_, '_, S> {
         [from, to]: [Moment<S>; 2],
     ) -> Result<(), SimulationError> {
         let measured = constants(u);
+        let between = [from, to];
         let (first, last) = if self.network.is_some() {
             let first = now.ratio;
             trial.exchange(now);
-            self.advance_with(trial, measured, [first; 3], duration_s, from.index);
+            self.advance_with(trial, measured, [first; 3], duration_s, between);
             let last = self.ratio(trial, measured[2], to)?;
             now.secant = trial.secant;
             std::mem::swap(&mut now.solutions, &mut trial.solutions);
@@ -428,7 +492,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
         };
         let middle = [(first[0] + last[0]) * 0.5, (first[1] + last[1]) * 0.5];
         let ratios = [first, middle, last];
-        self.advance_with(now, measured, ratios, duration_s, from.index);
+        self.advance_with(now, measured, ratios, duration_s, between);
         now.ratio = last;
         Ok(())
     }
@@ -439,22 +503,50 @@ impl<S: Pass> Simulation<'_, '_, S> {
         measured: [[S; 2]; 3],
         ratio: [[S; 2]; 3],
         duration_s: f64,
-        index: usize,
+        [from, to]: [Moment<S>; 2],
     ) {
         let phasor = [
             complex::product(measured[0], ratio[0]),
             complex::product(measured[1], ratio[1]),
             complex::product(measured[2], ratio[2]),
         ];
+        let motor_phasor = self.seen_phasors(phasor, from.index, [from.share, to.share]);
         if !self.places.states.is_empty() {
             let voltage = [
                 complex::modulus(phasor[0]),
                 complex::modulus(phasor[1]),
                 complex::modulus(phasor[2]),
             ];
-            self.advance_effects(now, phasor, voltage, duration_s, index);
+            self.advance_effects(now, [phasor, motor_phasor], voltage, duration_s, from.index);
         }
-        now.motor = self.rest.motor.step(&now.motor, phasor, duration_s);
+        now.motor = self.rest.motor.step(&now.motor, motor_phasor, duration_s);
+    }
+
+    /// The phasors of a step as motors see them; its ends lie at these shares of the output interval.
+    fn seen_phasors(&self, phasor: [[S; 2]; 3], index: usize, [from, to]: [f64; 2]) -> [[S; 2]; 3] {
+        let Some(seen) = &self.seen else {
+            return phasor;
+        };
+        let first = seen[index].turn;
+        let last = seen.get(index + 1).map_or(first, |view| view.turn);
+        let shares = [from, 0.5 * (from + to), to];
+        [0, 1, 2].map(|i| {
+            let part = |k: usize| first[k] + (last[k] - first[k]) * shares[i];
+            complex::product(phasor[i], [part(0), part(1)])
+        })
+    }
+
+    /// Power of the motor, and the phasor that it sees, at an output instant.
+    fn motor_power(&self, now: &Now<S>, phasor: [S; 2], index: usize) -> ([S; 2], [S; 2]) {
+        let motor = &self.rest.motor;
+        match &self.seen {
+            None => (motor.power(&now.motor, phasor), phasor),
+            Some(seen) => {
+                let View { turn, factor } = seen[index];
+                let own = complex::product(phasor, turn);
+                (motor.power(&now.motor, own).map(|part| part * factor), own)
+            }
+        }
     }
 
     /// Phasor at the load over the measured one.
@@ -513,8 +605,13 @@ impl<S: Pass> Simulation<'_, '_, S> {
             })
         } else {
             let voltage = S::constant(grid.voltage[index]);
-            let motor = self.rest.motor.power(&now.motor, grid.phasor[index]);
-            self.power(now, u, voltage, motor, at)
+            if self.seen.is_some() {
+                let (motor, own) = self.motor_power(now, u, index);
+                self.power(now, [u, own], voltage, motor, at)
+            } else {
+                let motor = self.rest.motor.power(&now.motor, grid.phasor[index]);
+                self.power(now, [u, u], voltage, motor, at)
+            }
         };
         output[0].push(active);
         output[1].push(reactive);
@@ -523,46 +620,42 @@ impl<S: Pass> Simulation<'_, '_, S> {
 
     /// Power over P0 of a load that sees `own`, as if it were at the measured bus.
     fn load_power(&self, now: &Now<S>, own: [S; 2], at: Moment<S>) -> [S; 2] {
-        let motor = self.rest.motor.power(&now.motor, own);
-        self.power(now, own, complex::modulus(own), motor, at)
+        let (motor, seen) = self.motor_power(now, own, at.index);
+        self.power(now, [own, seen], complex::modulus(own), motor, at)
     }
 
     fn power(
         &self,
         now: &Now<S>,
-        phasor: [S; 2],
+        [phasor, motor_phasor]: [[S; 2]; 2],
         voltage: S,
         motor: [S; 2],
         moment: Moment<S>,
     ) -> [S; 2] {
         let [share, c_z, c_i, d_z, d_i] = self.linear;
         let deviation = moment.deviation;
-        let factor = self
-            .places
-            .motor_active
-            .iter()
-            .map(|e| e.equations().motor_active_factor(e.parameters(), deviation))
-            .reduce(|x, y| x * y);
-        let motor_active = factor.map_or(motor[0], |f| motor[0] * f);
         let square = voltage * voltage + -1.0;
         let line = voltage + -1.0;
         let from_voltage = c_z * square + c_i * line;
-        let excess = motor_active - self.rest.motor.rest_power[0];
+        let excess = motor[0] - self.rest.motor.rest_power[0];
         let mut active = share * excess + from_voltage + 1.0;
         let mut reactive = share * (motor[1] - self.rest.motor.rest_power[1])
             + (d_z * square + d_i * line)
             + self.rest.reactive;
         if !self.places.power.is_empty() {
+            let one = S::constant(1.0);
+            let seen = self.seen.as_ref();
+            let factor = seen.map_or(one, |seen| seen[moment.index].factor);
+            let square = complex::square(motor_phasor);
+            let magnetising = self.rest.motor.susceptance * square * factor;
             let at = Instant {
                 time_s: self.time_s[moment.index],
                 phasor,
+                motor_phasor,
                 voltage,
                 frequency_deviation: deviation,
-                motor: [
-                    motor_active,
-                    motor[1] + self.rest.motor.susceptance * voltage * voltage,
-                ],
-                motor_active_factor: factor.unwrap_or(S::constant(1.0)),
+                motor: [motor[0], motor[1] + magnetising],
+                motor_factor: factor,
                 static_active: from_voltage + 1.0 - share,
             };
             for e in &self.places.power {

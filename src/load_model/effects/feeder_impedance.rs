@@ -6,14 +6,15 @@
 //! Missing, it leaves a residual that grows steeply with the depth of the dip; in shallow ones the
 //! motor's transient reactance takes the feeder's into itself.
 //!
-//! In units of V0 and P0:
+//! In units of V0 and P0, where the impedance `Z` in per unit of the site's base has the value
+//! `Z P0/V0^2`: the feeder stays the same when the load behind it is larger in another event:
 //!
 //! ```text
 //! u_L = u - (R + j X) i                     (1)
 //! ```
 //!
 //! solved with the whole load at every step by `composed::feeder`, at rest such that P0 and Q0 at the
-//! measured bus hold. A capacitor at the load is part of the load's `d_z`, exactly.
+//! measured bus hold; the motors' constants refer to the voltage at the load. A capacitor at the load is part of the load's `d_z`, exactly.
 //!
 //! Source: circuit law; R = X = .04 on the feeder's rating in the WECC composite load model (value not
 //! verified). One impedance for all the load: the mean of many.
@@ -21,7 +22,7 @@
 use crate::{
     load_model::{
         composed::Feeder,
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place},
+        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference},
     },
     numerics::Elementary,
 };
@@ -34,10 +35,12 @@ const DECLARATION: Declaration = Declaration {
     name: "feeder_impedance",
     title: "Feeder between the measured bus and the load",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
-        Parameter::one_sided(["resistance", "R", "1"], [0.03, 0.15, 0.01]),
-        Parameter::one_sided(["reactance", "X", "1"], [0.05, 0.25, 0.01]),
+        Parameter::one_sided(["resistance", "R", "pu"], [0.03, 0.3, 0.01])
+            .with_reference(Reference::FixedImpedance),
+        Parameter::one_sided(["reactance", "X", "pu"], [0.05, 0.5, 0.01])
+            .with_reference(Reference::FixedImpedance),
     ],
     states: &[],
     acts_on: &[Place::Feeder],

@@ -1,43 +1,61 @@
-//! Motor power that follows the frequency.
+//! Motors at another frequency than nominal.
 //!
-//! A motor's air-gap power is torque times synchronous speed, so that at a torque that stays the
-//! same the power follows f. The reference paper's equation (10) has no frequency in it.
+//! A motor's reactances are inductances times the frequency, and its air-gap power is torque times
+//! synchronous speed. The reference paper's equations (9) and (10) have neither: at a torque that stays
+//! the same, power stays the same whatever the frequency.
 //!
-//! Missing, it leaves a residual in P in proportion to the frequency deviation, through the whole
-//! window and not at the edges, and none in Q.
+//! Missing, it leaves residuals in proportion to the frequency deviation, through the whole window and
+//! not at the edges: in P with the sign of the deviation, in Q, by the magnetising current, against it.
 //!
-//! With `df = (f - f0)/f0`:
+//! With `F` the mean of `df = (f - f0)/f0` over +-0.4 s, and the motor's power `S(u)` of the paper's
+//! equations as a function of the phasor that it sees:
 //!
 //! ```text
-//! P_motor = P_(10) (1 + c df)               (1)
+//! S_motor = (1 + c F) S(u_m),   u_m = u exp(j g) / (1 + c F)                  (1)
+//! dg/dt   = D w_0 F                                                         (2)
 //! ```
 //!
-//! `c = 1` is the plain statement above; a drive whose torque rises with the speed adds to it. The
-//! plain path of `identification` knows this effect under the same name with `c = 1` fixed.
+//! `F` begins at zero with the first jump of the phasor: for the mean, `df` is continued before it with
+//! the opposite sign. The frequency of a bus next to a fault is not known better than that.
 //!
-//! Source: follows from P = T w at constant torque; no comparison, because no other tool has it as
-//! an option. Valid for slow changes of frequency; the inertia's own power is in the motor's swing.
+//! `c = 1` in (1) is the plain statement above: the stator's voltage is `j f` times its flux linkages, so
+//! the machine of nominal frequency sees `u/f` and its torque times `f` is power. (2) is for phasors whose
+//! angle does not carry the course of the whole system's frequency, because they are given against a
+//! reference that turns with it (`D = 1`), or twice (`D = -1`); simulators that keep a motor's slip
+//! against such a reference do the same. The rotors then accelerate with the system although the angle
+//! stays; the mean keeps local swings, which the angle has in any case, out of it.
+//!
+//! The plain path of `identification` knows an effect under this name that scales active power only,
+//! with `c = 1` fixed.
+//!
+//! Source: (1) the stator of Kundur, "Power System Stability and Control", 7.2, with the frequency kept
+//! in the speed voltages; (2) kinematics. Checked on sites of another simulator, whose motors follow (1)
+//! with c about 1 and (2) with D between 0.5 and 1 (docs/validation.md). Valid for slow changes of
+//! frequency.
 
 use crate::{
-    load_model::effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place},
+    load_model::{
+        composed::{FrequencyCourse, Seen},
+        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place},
+    },
     numerics::Elementary,
 };
 
-/// Motor power that follows the frequency.
+/// Motors at another frequency than nominal.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrequencyScaledPower;
 
 const DECLARATION: Declaration = Declaration {
     name: "frequency_scaled_power",
-    title: "Motor power that follows the frequency",
+    title: "Motors at another frequency than nominal",
     kind: Kind::Physics,
-    version: 1,
-    parameters: &[Parameter::two_sided(
-        ["coefficient", "c", "1"],
-        [-1.0, 1.0, 3.0, 0.3],
-    )],
+    version: 2,
+    parameters: &[
+        Parameter::two_sided(["coefficient", "c", "1"], [-0.5, 1.0, 2.0, 0.3]),
+        Parameter::two_sided(["reference_share", "D", "1"], [-1.5, 0.5, 1.5, 0.3]),
+    ],
     states: &[],
-    acts_on: &[Place::MotorActivePower],
+    acts_on: &[Place::MotorFrequency],
     excludes: &[],
     resembles: &["static_frequency_dependence", "speed_dependent_torque"],
     needs: Needs {
@@ -48,8 +66,12 @@ const DECLARATION: Declaration = Declaration {
         separating_event: "deep dips at nominal frequency, and deviations of both signs",
         ..Needs::A_DIP
     },
-    source: "P = T w; no published load model states it separately (not verified)",
+    source: "Kundur, Power System Stability and Control, 7.2, with the frequency in the speed \
+             voltages; no published load model states it separately (not verified)",
 };
+
+/// Half of the time over which local swings average out, s. Chosen; insensitive between 0.3 and 1.
+const HALF_MEAN_S: f64 = 0.4;
 
 impl Declared for FrequencyScaledPower {
     fn declaration(&self) -> &'static Declaration {
@@ -58,18 +80,143 @@ impl Declared for FrequencyScaledPower {
 }
 
 impl<S: Elementary> Equations<S> for FrequencyScaledPower {
-    fn motor_active_factor(&self, p: &[S], frequency_deviation: S) -> S {
-        p[0] * frequency_deviation + 1.0 // (1)
+    fn motor_frequency(&self, p: &[S], course: &FrequencyCourse<'_, S>, seen: &mut [Seen<S>]) {
+        let integral = Integral::new(course);
+        let mut angle = S::constant(0.0);
+        let mut before: Option<(f64, S)> = None;
+        for (at, &time_s) in seen.iter_mut().zip(course.time_s) {
+            let mean = integral.mean_around(time_s);
+            at.frequency = at.frequency * (p[0] * mean + 1.0); // (1)
+            if let Some((from_s, from)) = before {
+                let turned = 0.5 * (time_s - from_s) * course.synchronous_speed_rad_s;
+                angle = angle + (from + mean) * turned;
+            }
+            at.turn_rad = at.turn_rad + p[1] * angle; // (2)
+            before = Some((time_s, mean));
+        }
+    }
+}
+
+/// Integral of the deviation from the first instant on.
+struct Integral<'a, S> {
+    course: &'a FrequencyCourse<'a, S>,
+    sums: Vec<S>,
+}
+
+impl<'a, S: Elementary> Integral<'a, S> {
+    fn new(course: &'a FrequencyCourse<'a, S>) -> Self {
+        let mut sum = S::constant(0.0);
+        let mut sums = vec![sum];
+        for (time, df) in course.time_s.windows(2).zip(course.deviation.windows(2)) {
+            sum = sum + (df[0] + df[1]) * (0.5 * (time[1] - time[0]));
+            sums.push(sum);
+        }
+        Self { course, sums }
+    }
+
+    /// The mean over `+-HALF_MEAN_S`; beyond the ends the deviation stays as it is there.
+    fn mean_around(&self, time_s: f64) -> S {
+        let [mut low, high] = [time_s - HALF_MEAN_S, time_s + HALF_MEAN_S];
+        if let Some(onset_s) = self.course.onset_s {
+            if time_s <= onset_s {
+                return S::constant(0.0);
+            }
+            // The integral of what has opposite signs on both sides is the same on both.
+            low = low.max(2.0 * onset_s - low);
+        }
+        (self.up_to(high) - self.up_to(low)) * (0.5 / HALF_MEAN_S)
+    }
+
+    fn up_to(&self, time_s: f64) -> S {
+        let (time, df) = (self.course.time_s, self.course.deviation);
+        let last = time.len() - 1;
+        let next = time.partition_point(|t| *t <= time_s);
+        let from = next.saturating_sub(1).min(last);
+        let after = time_s - time[from];
+        if next == 0 || next > last {
+            return self.sums[from] + df[from] * after;
+        }
+        let slope = (df[next] - df[from]) * (1.0 / (time[next] - time[from]));
+        self.sums[from] + (df[from] + slope * (0.5 * after)) * after
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
 
     #[test]
-    fn half_a_hertz_below_sixty_lowers_the_power_by_five_sixths_of_a_percent() {
-        let factor = FrequencyScaledPower.motor_active_factor(&[1.0], -0.5 / 60.0);
-        assert!((factor - (1.0 - 0.008_333_333_333)).abs() < 1e-10);
+    fn half_a_hertz_less_is_five_sixths_of_a_percent_less_power_and_more_magnetisation() {
+        // The phasor turns with the deviation -1/120, the torque stays: P = f. The motor sees 1/f of the
+        // voltage: what it magnetises with, the reactive power at no load, goes with 1/f.
+        let df = -0.5 / 60.0;
+        let phasor = |t: f64| {
+            let angle = df * 376.99 * (t - 0.2).max(0.0);
+            [angle.cos(), angle.sin()]
+        };
+        let input = lasting(6.0, phasor, &[]);
+        let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
+        let model = ComposedModel::new(&structure);
+        let mut p = model.typical();
+        p[3..].copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        let course: Vec<f64> = (input.output_points().iter())
+            .map(|i| {
+                if (*i as f64) < 0.2 * 60.0 * 16.0 {
+                    0.0
+                } else {
+                    df
+                }
+            })
+            .collect();
+        let drive = Drive {
+            terminal: &input,
+            frequency_deviation: &course,
+            reactive_at_rest: 0.3,
+        };
+        let out = model.simulate(&p, &[], &drive).unwrap();
+        let last = out.active.len() - 1;
+        assert!(
+            (out.active[last] - (1.0 + df)).abs() < 1e-6,
+            "{}",
+            out.active[last]
+        );
+        assert!(out.reactive[last] > 0.3);
+    }
+
+    #[test]
+    fn phasors_against_a_turning_reference_are_turned_back() {
+        // A deviation that grows slowly: with D = 1 and a phasor that stays, the rotor is driven as by a
+        // phasor that turns.
+        let df = |t: f64| -0.004 * (t - 1.0).clamp(0.0, 3.0);
+        let angle = |t: f64| {
+            let ramp = (t - 1.0).clamp(0.0, 3.0);
+            -0.004 * 376.99 * (0.5 * ramp * ramp + 3.0 * (t - 4.0).max(0.0))
+        };
+        let still = lasting(6.0, |_| [1.0, 0.0], &[]);
+        let turning = lasting(6.0, |t| [angle(t).cos(), angle(t).sin()], &[]);
+        let course: Vec<f64> = (still.output_points().iter())
+            .map(|i| df(*i as f64 / 960.0))
+            .collect();
+        let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
+        let model = ComposedModel::new(&structure);
+        let mut p = model.typical();
+        let last = p.len() - 2;
+        let of = |p: &[f64], terminal| {
+            let drive = Drive {
+                terminal,
+                frequency_deviation: &course,
+                reactive_at_rest: 0.3,
+            };
+            model.simulate(p, &[], &drive).unwrap().active
+        };
+        p[last..].copy_from_slice(&[0.0, 1.0]);
+        let with = of(&p, &still);
+        p[last..].copy_from_slice(&[0.0, 0.0]);
+        let without = of(&p, &turning);
+        for (x, y) in with.iter().zip(&without) {
+            // The mean rounds the corners of the ramp.
+            assert!((x - y).abs() < 2e-3, "{x} {y}");
+        }
     }
 }

@@ -199,19 +199,21 @@ impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
         let state = motor_state(x);
         let next = rest
             .motor
-            .connected_step(&state, step.phasor, share, step.duration_s);
+            .connected_step(&state, step.motor_phasor, share, step.duration_s);
         keep(x, &next);
     }
 
     fn power(&self, p: &[S], x: &[S], at: &Instant<S>, rest: &Rest<S>) -> [S; 2] {
         let share = connected(x);
-        let [active, reactive] = rest.motor.power(&motor_state(x), at.phasor);
-        let magnetising = rest.motor.susceptance * at.voltage * at.voltage;
+        let [active, reactive] = rest.motor.power(&motor_state(x), at.motor_phasor);
+        let [re, im] = at.motor_phasor;
+        let magnetising = rest.motor.susceptance * (re * re + im * im);
         let capacitors = (-share + 1.0) * p[5] * at.voltage * at.voltage;
         let group = rest.motor_share * p[0];
         [
-            group * (share * (active * at.motor_active_factor) - at.motor[0]),
-            group * (share * (reactive + magnetising) - at.motor[1] + capacitors),
+            group * (share * (active * at.motor_factor) - at.motor[0]),
+            group
+                * (share * ((reactive + magnetising) * at.motor_factor) - at.motor[1] + capacitors),
         ] // (2)
     }
 }

@@ -37,7 +37,7 @@ const DECLARATION: Declaration = Declaration {
     version: 1,
     parameters: &[Parameter::two_sided(
         ["exponent", "m", "1"],
-        [-1.0, 2.0, 5.0, 0.5],
+        [-0.5, 2.0, 3.5, 0.5],
     )],
     states: &[],
     acts_on: &[Place::Motor],

@@ -29,6 +29,7 @@ use crate::{
         composed::MotorDescription,
         effect::{
             Declaration, Declared, Equations, Kind, MOTOR_REACTANCE, Needs, Parameter, Place,
+            Reference,
         },
     },
     numerics::Elementary,
@@ -42,9 +43,10 @@ const DECLARATION: Declaration = Declaration {
     name: "stator_resistance",
     title: "Stator resistance of the motors",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
-        Parameter::one_sided(["resistance", "r", "1"], [0.02, 0.1, 0.005]),
+        Parameter::one_sided(["resistance", "r", "1"], [0.02, 0.08, 0.005])
+            .with_reference(Reference::GroupImpedance),
         MOTOR_REACTANCE,
     ],
     states: &[],

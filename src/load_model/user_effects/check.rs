@@ -208,6 +208,7 @@ fn driven(
         let step = Step {
             duration_s: STEP_S / substeps,
             phasor: [[voltage, 0.0], [0.5 * (voltage + next), 0.0], [next, 0.0]],
+            motor_phasor: [[voltage, 0.0], [0.5 * (voltage + next), 0.0], [next, 0.0]],
             voltage: [voltage, 0.5 * (voltage + next), next],
             frequency_deviation: deviation,
         };

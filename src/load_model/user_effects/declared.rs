@@ -6,7 +6,7 @@ use super::{
     program::Operation,
     unit::Unit,
 };
-use crate::load_model::effect::{Parameter, Prior, Role, Scale};
+use crate::load_model::effect::{Parameter, Prior, Reference, Role, Scale};
 
 /// Most parameters.
 pub(super) const PARAMETERS_MAX: usize = 12;
@@ -238,6 +238,7 @@ fn numbers(table: &mut Table<'_>, role: Option<Role>, faults: &mut Faults) -> Op
         typical: typical.value,
         prior,
         role,
+        reference: Reference::Anywhere,
     })
 }
 
