@@ -20,6 +20,8 @@ const BAD_FIT: f64 = 2.5;
 const GOOD_FIT: f64 = 1.6;
 /// Shares of the events, mildest first, that are tried.
 const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
+/// Calls of the objective in the search on the mild events.
+const MILD_EVALUATIONS_MAX: u64 = 300;
 /// Fewest events of a mild fit.
 const MILD_EVENTS_MIN: usize = 2;
 
@@ -59,7 +61,11 @@ impl Baseline {
     ) -> Result<Option<Self>, StructureError> {
         let origins = self.origins();
         let extension = extend(events, &self.structure, &origins, effect, options, cancel)?;
-        let mut all = extension.fit;
+        // A refit that ends above what it began with has lost its way: the effect is then included at
+        // what the base already follows.
+        let before = self.all.minus_twice_log_posterior();
+        let follows = |fit: &ComposedFit| fit.minus_twice_log_posterior() <= before;
+        let mut all = extension.fit.filter(follows);
         if all.is_none() {
             all = include(events, &self.structure, &self.all, effect, options, cancel)?;
         }
@@ -114,8 +120,10 @@ pub fn baseline(
             continue;
         }
         let mild: Vec<PreparedEvent> = order[..count].iter().map(|e| (*e).clone()).collect();
+        // Only a start of other fits: the local solutions of the scan will do.
         let mut options_of_search = SearchOptions::default();
-        options_of_search.trust_tech.tiers_max = 1;
+        options_of_search.trust_tech.tiers_max = 0;
+        options_of_search.trust_tech.evaluations_max = MILD_EVALUATIONS_MAX;
         let Some(found) = search(&mild, *problem, &options_of_search, cancel) else {
             continue;
         };

@@ -86,8 +86,17 @@ impl ComposedFit {
     /// say of the parameters, so that a shape nobody has seen pays for it.
     #[must_use]
     pub fn criterion(&self) -> f64 {
-        let prior = 2.0 * self.objective - self.squares.iter().sum::<f64>();
-        self.bayesian_information() + prior
+        self.bayesian_information() + self.prior()
+    }
+
+    /// Minus twice the logarithm of the posterior density, up to a constant.
+    #[must_use]
+    pub fn minus_twice_log_posterior(&self) -> f64 {
+        self.minus_twice_log_likelihood + self.prior()
+    }
+
+    fn prior(&self) -> f64 {
+        2.0 * self.objective - self.squares.iter().sum::<f64>()
     }
 
     /// Standard error of a free parameter.
