@@ -152,7 +152,8 @@ impl<'a> View<'a> {
         let mut marks = Vec::new();
         for (segment, ink, ..) in EVENT_SEGMENTS {
             let known = (self.failure.segments.iter()).find(|r| r.segment == segment);
-            let Some((from, to)) = known.map(|r| (r.begin_s, r.end_s)) else {
+            let next = self.series.interval_s();
+            let Some((from, to)) = known.map(|r| (r.begin_s, r.end_s + next)) else {
                 continue;
             };
             if to > self.span.0 && from < self.span.1 {
