@@ -345,7 +345,7 @@ impl Figure {
         if labels.is_empty() {
             return Ok(());
         }
-        let obstacles = obstacles(panel, &to_px);
+        let obstacles = obstacles(panel, self.horizontal, &to_px);
         for (placed, (_, text)) in labels::place(&labels, &obstacles, (width, height))
             .into_iter()
             .zip(&labels)
@@ -364,10 +364,18 @@ impl Figure {
 }
 
 /// What the labels of a panel should not cover.
-fn obstacles(panel: &Panel, to_px: &dyn Fn((f64, f64)) -> (f64, f64)) -> Obstacles {
+fn obstacles(
+    panel: &Panel,
+    (left, right): (f64, f64),
+    to_px: &dyn Fn((f64, f64)) -> (f64, f64),
+) -> Obstacles {
     let mut obstacles = Obstacles::default();
     for mark in &panel.marks {
         match mark {
+            Mark::Level { at, .. } => {
+                let ends = [(left, *at), (right, *at)];
+                obstacles.curves.push(ends.map(to_px).to_vec());
+            }
             Mark::Points { points, .. } => {
                 obstacles.marks.extend(points.iter().map(|p| to_px(*p)));
             }
