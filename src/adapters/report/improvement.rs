@@ -136,7 +136,7 @@ mod tests {
             "id=\"staircase-title\"",
             "step 1, + electronic_load_dropout: 1.10",
             "model before",
-            "6.2 → 1.10",
+            "6.20 → 1.10",
             "How it came to this",
         ] {
             assert!(page.contains(words), "{words}");

