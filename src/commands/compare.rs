@@ -309,7 +309,7 @@ mod tests {
     use crate::{
         adapters::{bundled, report::fixture},
         disturbance::Trigger,
-        identification::Split,
+        identification::{IdentificationOptions, Split},
     };
 
     #[derive(Parser)]

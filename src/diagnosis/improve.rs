@@ -6,6 +6,7 @@ use super::{
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status},
     round::round,
+    where_it_fails::failure,
 };
 use crate::{
     disturbance::Window,
@@ -205,12 +206,17 @@ impl<'a> Stairs<'a> {
             .case
             .errors(&at.structure, fit)
             .ok_or_else(|| self.case.failed())?;
+        let curves = self.case.curves(&at.structure, fit);
         Ok(ImprovementStep {
             structure: at.structure.names(),
             added,
             dropped,
             reason,
             errors,
+            failures: curves
+                .iter()
+                .map(|(event, curves)| failure(event, curves))
+                .collect(),
             parameter_count: fit.free.len(),
             delta_bic: fit.criterion() - self.first_bic,
             set: self.case.conclude(&at.structure, fit)?.set,

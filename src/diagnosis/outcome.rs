@@ -202,6 +202,8 @@ pub struct ImprovementStep {
     pub reason: String,
     /// Errors.
     pub errors: StructureErrors,
+    /// Where the structure fails, event by event; fitted to all events but the untouched.
+    pub failures: Vec<EventFailure>,
     /// Number of free parameters.
     pub parameter_count: usize,
     /// Bayesian information criterion over all events relative to the first step.

@@ -101,18 +101,20 @@ pub(super) fn where_it_fails(
     diagnosis: &Diagnosis,
     before: Option<&[EventFailure]>,
 ) -> Result<Markup, ReportError> {
-    let held_out = |event: &str| role(&diagnosis.events, event) != "fitted";
+    let untouched = |event: &str| role(&diagnosis.events, event) == "untouched";
     let all: Vec<&EventFailure> = diagnosis.failures.iter().collect();
     let ladder = failure_figures::ladder(
         &diagnosis.failures,
         before,
-        &held_out,
+        &untouched,
         diagnosis.noise_floor,
     );
     let scatter = failure_figures::against_voltage("against-voltage", &all);
     Ok(html! {
         section {
             h2 { "Where the model fails" }
+            p { "The model of this section and of the events below is fitted to all events but the untouched; the \
+                 errors of the gate above come from a fit without it." }
             (diagnosis_tables::failures(diagnosis, before))
             div.pair {
                 figure {
@@ -120,8 +122,8 @@ pub(super) fn where_it_fails(
                         h3 { "Severity ladder" }
                         p { "A model that lacks something fails first where the voltage falls furthest." }
                         ul.legend {
-                            (legend("dot", Ink::Measured, "fitted"))
-                            (legend("triangle", Ink::Model, "held out"))
+                            (legend("dot", Ink::Measured, "fitted or gate"))
+                            (legend("triangle", Ink::Model, "untouched"))
                             @if before.is_some() { (legend("ring", Ink::Rival, "before")) }
                             (legend("line", Ink::Onset, "noise floor"))
                         }

@@ -186,6 +186,7 @@ pub(crate) fn improvement() -> Improvement {
             dropped: Vec::new(),
             reason: "the residual falls on events not fitted".to_owned(),
             errors: errors(error),
+            failures: failures(if added.is_some() { 0.02 } else { 1.0 }),
             parameter_count,
             delta_bic: if added.is_some() { -5210.0 } else { 0.0 },
             set: parameter_set(),

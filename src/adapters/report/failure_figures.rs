@@ -152,7 +152,8 @@ impl<'a> View<'a> {
         let mut marks = Vec::new();
         for (segment, ink, ..) in EVENT_SEGMENTS {
             let known = (self.failure.segments.iter()).find(|r| r.segment == segment);
-            let Some((from, to)) = known.map(|r| (r.begin_s, r.end_s)) else {
+            let next = self.series.interval_s();
+            let Some((from, to)) = known.map(|r| (r.begin_s, r.end_s + next)) else {
                 continue;
             };
             if to > self.span.0 && from < self.span.1 {
@@ -414,7 +415,7 @@ pub(super) fn correlation(id: &str, failure: &EventFailure) -> Option<Figure> {
 pub(super) fn ladder(
     failures: &[EventFailure],
     before: Option<&[EventFailure]>,
-    held_out: &dyn Fn(&str) -> bool,
+    untouched: &dyn Fn(&str) -> bool,
     noise_floor: f64,
 ) -> Figure {
     let height = |failure: &EventFailure| failure.error_to_noise.max(1e-3).log10();
@@ -446,7 +447,7 @@ pub(super) fn ladder(
                 radius_quarter_px: 16,
             });
         }
-        let (ink, shape, radius_quarter_px) = if held_out(&failure.event) {
+        let (ink, shape, radius_quarter_px) = if untouched(&failure.event) {
             (Ink::Model, Shape::Triangle, 22)
         } else {
             (Ink::Measured, Shape::Dot, 16)
@@ -466,8 +467,8 @@ pub(super) fn ladder(
         id: "severity".to_owned(),
         title: "Severity ladder".to_owned(),
         description: format!(
-            "Error over noise of {} events against their lowest voltage; dots fitted, triangles \
-             held out{}; the line is the noise floor.",
+            "Error over noise of {} events against their lowest voltage; triangles untouched, \
+             dots all others{}; the line is the noise floor.",
             finite.len(),
             if before.is_some() {
                 ", rings before"

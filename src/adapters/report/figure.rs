@@ -10,7 +10,10 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-use super::{labels, number};
+use super::{
+    labels::{self, Obstacles},
+    number,
+};
 
 /// The SVG back end has whole-number coordinates; drawing larger and letting the view box scale it
 /// down keeps curves smooth. Chosen: a quarter of a CSS pixel is below what a screen shows.
@@ -339,14 +342,11 @@ impl Figure {
                 _ => None,
             })
             .collect();
-        let marks: Vec<(f64, f64)> = (panel.marks.iter())
-            .flat_map(|mark| match mark {
-                Mark::Points { points, .. } if !labels.is_empty() => points.as_slice(),
-                _ => &[],
-            })
-            .map(|point| to_px(*point))
-            .collect();
-        for (placed, (_, text)) in labels::place(&labels, &marks, (width, height))
+        if labels.is_empty() {
+            return Ok(());
+        }
+        let obstacles = obstacles(panel, self.horizontal, &to_px);
+        for (placed, (_, text)) in labels::place(&labels, &obstacles, (width, height))
             .into_iter()
             .zip(&labels)
         {
@@ -361,6 +361,32 @@ impl Figure {
         }
         Ok(())
     }
+}
+
+/// What the labels of a panel should not cover.
+fn obstacles(
+    panel: &Panel,
+    (left, right): (f64, f64),
+    to_px: &dyn Fn((f64, f64)) -> (f64, f64),
+) -> Obstacles {
+    let mut obstacles = Obstacles::default();
+    for mark in &panel.marks {
+        match mark {
+            Mark::Level { at, .. } => {
+                let ends = [(left, *at), (right, *at)];
+                obstacles.curves.push(ends.map(to_px).to_vec());
+            }
+            Mark::Points { points, .. } => {
+                obstacles.marks.extend(points.iter().map(|p| to_px(*p)));
+            }
+            Mark::Line { points, .. } => {
+                let curve = points.iter().map(|p| to_px(*p)).collect();
+                obstacles.curves.push(curve);
+            }
+            _ => {}
+        }
+    }
+    obstacles
 }
 
 impl Mark {
@@ -411,7 +437,7 @@ fn draw_mark(
         }
         Mark::Shade { from, to, ink } => {
             let corners = [(from.max(left), bottom), (to.min(right), top)];
-            chart.draw_series([Rectangle::new(corners, ink.rgb().mix(0.15).filled())])?;
+            chart.draw_series([Rectangle::new(corners, ink.rgb().mix(0.1).filled())])?;
         }
         Mark::Upright { at, ink } => {
             let style = ink.rgb().stroke_width(6);

@@ -22,9 +22,11 @@ pub fn render_improvement(
     software_version: &str,
 ) -> Result<String, ReportError> {
     let last = &improvement.last;
-    // With a single diagnosis nothing came before it.
-    let before: Option<&[EventFailure]> =
-        (improvement.diagnoses.first()).map(|first| first.failures.as_slice());
+    let before: Option<&[EventFailure]> = match improvement.steps.as_slice() {
+        [first, _, ..] => Some(&first.failures),
+        // Nothing came before a single step.
+        _ => None,
+    };
     let body = html! {
         (head(improvement))
         (steps(improvement)?)
@@ -134,7 +136,7 @@ mod tests {
             "id=\"staircase-title\"",
             "step 1, + electronic_load_dropout: 1.10",
             "model before",
-            "6.2 → 1.10",
+            "6.20 → 1.10",
             "How it came to this",
         ] {
             assert!(page.contains(words), "{words}");

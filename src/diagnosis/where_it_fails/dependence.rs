@@ -10,8 +10,8 @@ const QUANTITIES: [Quantity; 4] = [
     Quantity::FrequencyDeviation,
     Quantity::TimeSinceClearing,
 ];
-/// Bins at most and at least.
-const BINS: (usize, usize) = (2, 10);
+/// Bins at least and at most.
+const BINS: (usize, usize) = (4, 10);
 /// Samples in a bin at least.
 const BIN_SAMPLES_MIN: usize = 8;
 /// Samples each side over which the voltage's rate is taken.
@@ -30,7 +30,7 @@ pub(super) fn dependences(series: &EventSeries, clearing_s: Option<f64>) -> Vec<
     all
 }
 
-/// None with too few samples for two bins or where the quantity does not move.
+/// None with too few samples for four bins or where the quantity does not move.
 fn dependence(
     series: &EventSeries,
     clearing_s: Option<f64>,

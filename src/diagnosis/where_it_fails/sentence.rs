@@ -37,8 +37,12 @@ pub(super) fn sentence(
 ) -> String {
     let [p, q] = [Channel::Active, Channel::Reactive]
         .map(|channel| (channel, worst_stretch(series, channel, clearing_s)));
-    let tell = |channel: Channel, stretch: &Stretch| told(channel, stretch, clearing_s);
-    match (p, q) {
+    let end_s = series
+        .time_s
+        .last()
+        .map_or(0.0, |last| last - series.interval_s());
+    let tell = |channel: Channel, stretch: &Stretch| told(channel, stretch, clearing_s, end_s);
+    let words = match (p, q) {
         ((_, None), (_, None)) if error_to_noise > EDGE_ERROR_MIN => format!(
             "P and Q follow within the noise except near the edges of the voltage; over all samples \
              the residual is {} times the noise.",
@@ -53,32 +57,47 @@ pub(super) fn sentence(
         ((p, Some(of_p)), (q, Some(of_q))) => {
             format!("{}; {}.", tell(p, &of_p), tell(q, &of_q))
         }
-    }
+    };
+    capitalised(&words)
 }
 
-fn told(channel: Channel, stretch: &Stretch, clearing_s: Option<f64>) -> String {
+fn told(channel: Channel, stretch: &Stretch, clearing_s: Option<f64>, end_s: f64) -> String {
     let (origin_s, origin) = match clearing_s {
         Some(clearing_s) if stretch.begin_s >= clearing_s => (clearing_s, "clearing"),
         _ => (0.0, "onset"),
     };
-    let side = if stretch.mean_pu > 0.0 {
-        "above"
-    } else {
-        "below"
-    };
     let (begin, end) = (stretch.begin_s - origin_s, stretch.end_s - origin_s);
-    let decimals = if end - begin < 0.2 || begin < 0.1 {
-        2
+    let short = end - begin < 0.2;
+    let seconds = |time: f64| {
+        let decimals = if short || (0.005..0.095).contains(&time) {
+            2
+        } else {
+            1
+        };
+        format!("{time:.decimals$}")
+    };
+    let when = if stretch.end_s >= end_s {
+        format!("from {} s after the {origin} to the end", seconds(begin))
     } else {
-        1
+        format!("{}-{} s after the {origin}", seconds(begin), seconds(end))
     };
     format!(
-        "{begin:.decimals$}-{end:.decimals$} s after the {origin} {} is {} % of P0 {side} the model, \
-         {} times the noise",
+        "{when} {} is {} % of P0 {} the model, {} times the noise",
         channel.name(),
         rounded(100.0 * stretch.mean_pu.abs()),
+        if stretch.mean_pu > 0.0 {
+            "above"
+        } else {
+            "below"
+        },
         rounded(stretch.to_noise),
     )
+}
+
+fn capitalised(words: &str) -> String {
+    let mut characters = words.chars();
+    let first = characters.next().map(|first| first.to_ascii_uppercase());
+    first.into_iter().chain(characters).collect()
 }
 
 /// Two significant digits, without an exponent.

@@ -145,6 +145,16 @@ fn a_failure_within_the_dip_is_told_from_the_onset() {
 }
 
 #[test]
+fn a_failure_that_lasts_is_told_to_the_end() {
+    let missed = |t: f64| if t >= 0.65 { 0.02 } else { 0.0 };
+    let sentence = of_series("e", event(dip, missed)).sentence;
+    assert!(
+        sentence.starts_with("From 0.4 s after the clearing to the end P is 2.0 % of P0 above"),
+        "{sentence}"
+    );
+}
+
+#[test]
 fn failure_at_the_edges_alone_is_said() {
     let missed = |t: f64| if (0.24..0.26).contains(&t) { 0.2 } else { 0.0 };
     let sentence = of_series("e", event(dip, missed)).sentence;

@@ -361,6 +361,7 @@ pub(in crate::adapters) fn improvement() -> Improvement {
         dropped: Vec::new(),
         reason: "first in the answer set".to_owned(),
         errors: structure_errors(),
+        failures: vec![event_failure()],
         parameter_count: 8,
         delta_bic: -812.0,
         set: parameter_set(),
