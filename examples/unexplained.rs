@@ -15,7 +15,7 @@
 
 use loadmodeld::{
     adapters::recordings::site_folder,
-    diagnosis::unexplained::describe,
+    diagnosis::{Unexplained, unexplained::describe},
     disturbance::Window,
     identification::{
         composed::{ComposedFitOptions, ComposedLoad, fit},
@@ -60,7 +60,7 @@ fn main() {
     let (mut right, mut described, mut all) = (0, 0, 0);
     for (effect, words) in EXPECTED {
         for number in 0..sites {
-            let Some(found) = describe_site(seed, number, &[*effect]) else {
+            let Some(Answer(found)) = describe_site(seed, number, &[*effect]) else {
                 continue;
             };
             all += 1;
@@ -79,7 +79,7 @@ fn main() {
     let mut claimed = 0;
     let mut plain = 0;
     for number in 0..2 * sites {
-        let Some(found) = describe_site(seed, number, &[]) else {
+        let Some(Answer(found)) = describe_site(seed, number, &[]) else {
             continue;
         };
         plain += 1;
@@ -104,12 +104,11 @@ fn matches(formula: &str, word: &str) -> bool {
     }
 }
 
+/// What was said of a site; nothing where nothing is left.
+struct Answer(Option<Unexplained>);
+
 /// The description of one site; `None` when it could not be made or fitted.
-fn describe_site(
-    seed: u64,
-    number: u64,
-    effects: &[Effect],
-) -> Option<Option<loadmodeld::diagnosis::Unexplained>> {
+fn describe_site(seed: u64, number: u64, effects: &[Effect]) -> Option<Answer> {
     let shape = StudyShape {
         effects: effects.to_vec(),
         bad_samples: false,
@@ -135,7 +134,7 @@ fn describe_site(
         .iter()
         .map(|e| model.curves(e).ok())
         .collect::<Option<_>>()?;
-    Some(describe(&events, &curves))
+    Some(Answer(describe(&events, &curves)))
 }
 
 fn prepared(site: &SyntheticSite) -> Vec<PreparedEvent> {

@@ -1,8 +1,6 @@
 //! The description as an effect file: coefficients as amplitudes, thresholds and times as shapes that a
 //! fit may move.
 
-use std::fmt::Write;
-
 use super::{
     selection::{Chosen, Description},
     term::{Class, Shape, ShapeKind, Term},
@@ -31,33 +29,29 @@ pub(super) fn text(terms: &[Term], found: &Description) -> Option<String> {
             file.add(term, chosen);
         }
     }
-    let mut text = String::new();
     let head = &terms[first.term];
-    // Writing to a string does not fail.
-    let _ = write!(
-        text,
+    let power: Vec<String> = (["active", "reactive"].iter().zip(&file.power))
+        .filter(|(_, sum)| !sum.is_empty())
+        .map(|(key, sum)| format!("{key} = \"{}\"\n", sum.join(" + ")))
+        .collect();
+    Some(format!(
         "# A sparse description of what a fitted model left of the measurement: a hypothesis to be\n\
          # fitted, not a law. The format is explained in docs/adding-an-effect.md.\n\
          name = \"unexplained_{}\"\n\
          title = \"{}\"\n\
-         source = \"orthogonal least squares on the residual of a fitted model; no published model\"\n",
+         source = \"orthogonal least squares on the residual of a fitted model; no published model\"\n\
+         {}{}\n[power]\n{}",
         word(head.class()),
         title(head.class()),
-    );
-    text.push_str(&needs(head));
-    text.push_str(&file.parameters);
-    text.push_str("\n[power]\n");
-    for (key, sum) in ["active", "reactive"].into_iter().zip(&file.power) {
-        if !sum.is_empty() {
-            let _ = writeln!(text, "{key} = \"{}\"", sum.join(" + "));
-        }
-    }
-    Some(text)
+        needs(head),
+        file.parameters.concat(),
+        power.concat(),
+    ))
 }
 
 #[derive(Default)]
 struct Parts {
-    parameters: String,
+    parameters: Vec<String>,
     count: usize,
     power: [Vec<String>; 2],
     terms: usize,
@@ -94,15 +88,14 @@ impl Parts {
         self.count += 1;
         let meaningful = MEANINGFUL_PU / per_unit;
         let room = (COEFFICIENT_ROOM * value.abs()).max(4.0 * meaningful);
-        let _ = write!(
-            self.parameters,
+        self.parameters.push(format!(
             "\n[[parameters]]\nname = \"{name}\"\nsymbol = \"{symbol}\"\nunit = \"{unit}\"\n\
              role = \"two_sided\"\nmeaningful = {}\nlower = {}\ntypical = {}\nupper = {}\n",
             rounded(meaningful),
             rounded(-room),
             rounded(value),
             rounded(room),
-        );
+        ));
     }
 
     fn shape(&mut self, number: usize, shape: &Shape, symbol: &str, with_grid: bool) {
@@ -139,17 +132,17 @@ impl Parts {
         };
         // The unit stays last.
         let name = name.replace('#', &format!("_{number}"));
-        let _ = write!(
-            self.parameters,
+        self.parameters.push(format!(
             "\n[[parameters]]\nname = \"{name}\"\nsymbol = \"{symbol}\"\nunit = \"{unit}\"\n\
              role = \"shape\"\nlower = {}\ntypical = {}\nupper = {}\nprior = {prior}\n",
             rounded(lower),
             rounded(x),
             rounded(upper),
-        );
+        ));
         if with_grid {
             let grid: Vec<String> = grid.into_iter().map(rounded).collect();
-            let _ = writeln!(self.parameters, "grid = [{}]", grid.join(", "));
+            self.parameters
+                .push(format!("grid = [{}]\n", grid.join(", ")));
         }
     }
 }

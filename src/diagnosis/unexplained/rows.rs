@@ -20,6 +20,9 @@ const AVERAGED_S: f64 = 0.1;
 /// Spread from event to event of the motor's part, of the model's own response.
 const RESPONSE_SPREAD: f64 = 0.05;
 
+/// Far more than four columns need.
+const SVD_ITERATIONS_MAX: usize = 1000;
+
 /// Columns of P and of Q.
 pub(super) type Channels = [Vec<f64>; 2];
 
@@ -180,7 +183,9 @@ impl<'a> Averaging<'a> {
             let weight = |k: usize| self.deviation[k].powi(-2);
             let total: f64 = block.iter().map(|&k| weight(k)).sum();
             let sum: f64 = block.iter().map(|&k| weight(k) * values[k]).sum();
-            sum / total.sqrt()
+            let row = sum / total.sqrt();
+            // Samples that nothing is known of weigh nothing.
+            if row.is_finite() { row } else { 0.0 }
         };
         self.blocks.iter().map(row).collect()
     }
@@ -214,14 +219,16 @@ impl Whitening {
         let scaled: Vec<f64> = columns
             .flat_map(|(column, spread)| column.iter().map(move |x| x * spread))
             .collect();
-        let svd = DMatrix::from_vec(ones.len(), FREE + 1, scaled).svd(true, false);
-        let Some(u) = svd.u else {
+        let matrix = DMatrix::from_vec(ones.len(), FREE + 1, scaled);
+        // Bounded, so that no input can keep it iterating.
+        let svd = matrix.try_svd(true, false, f64::EPSILON, SVD_ITERATIONS_MAX);
+        let Some((u, singular_values)) = svd.and_then(|s| Some((s.u?, s.singular_values))) else {
             return Self {
                 basis: Vec::new(),
                 taken: Vec::new(),
             };
         };
-        let taken = svd.singular_values.iter();
+        let taken = singular_values.iter();
         Self {
             basis: u
                 .column_iter()

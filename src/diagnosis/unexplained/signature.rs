@@ -15,50 +15,62 @@ pub(super) fn sentence(
     let Some(first) = found.chosen.first() else {
         return undescribed(events, found);
     };
-    let mut text = format!("{}.", told(events, &terms[first.term], first));
-    for other in &found.chosen[1..] {
-        let told = told(events, &terms[other.term], other);
-        text.push_str(&format!(" Besides, {told}."));
-    }
+    let others = found.chosen[1..].iter();
+    let others: Vec<String> = others
+        .map(|other| format!(" Besides, {}.", told(events, &terms[other.term], other)))
+        .collect();
     let fitted: f64 = found.chosen.iter().flat_map(|c| c.shares).sum();
-    text.push_str(&format!(
-        " {} {:.0} % of the residual's squares",
-        if found.chosen.len() == 1 {
-            "This is"
-        } else {
-            "Together"
-        },
-        100.0 * fitted
-    ));
-    text.push_str(&match found.held_out_share {
+    let together = if found.chosen.len() == 1 {
+        "This is"
+    } else {
+        "Together"
+    };
+    let proven = match found.held_out_share {
         Some(share) => format!(
-            ", and of what is above the noise {:.0} % on events left out.",
+            ", and of what is above the noise {:.0} % on events left out",
             100.0 * share
         ),
-        None => "; there is one event, so that nothing tests it.".to_owned(),
-    });
-    text
+        None => "; there is one event, so that nothing tests it".to_owned(),
+    };
+    format!(
+        "{}.{} {together} {:.0} % of the residual's squares{proven}.",
+        told(events, &terms[first.term], first),
+        others.concat(),
+        100.0 * fitted
+    )
 }
 
 /// What a term says.
 fn told(events: &[(&PreparedEvent, &Curves)], term: &Term, chosen: &Chosen) -> String {
-    let (subject, size) = subject(chosen);
-    let plural = chosen.coefficients.iter().all(|c| *c != 0.0);
-    let (is, stays) = if plural {
-        ("are", "stay")
-    } else {
-        ("is", "stays")
+    match term.threshold() {
+        Some(threshold) => told_of_threshold(events, term, threshold, chosen),
+        None => told_of_course(term, chosen),
+    }
+}
+
+fn told_of_threshold(
+    events: &[(&PreparedEvent, &Curves)],
+    term: &Term,
+    threshold: f64,
+    chosen: &Chosen,
+) -> String {
+    let Subject {
+        who,
+        is,
+        stays,
+        size,
+    } = Subject::new(chosen);
+    let level = level(chosen);
+    let excess = matches!(term, Term::Excess { .. });
+    let crossed = |event: &PreparedEvent| {
+        if excess {
+            event.highest_voltage > threshold
+        } else {
+            event.lowest_voltage < threshold
+        }
     };
-    let threshold = threshold(chosen);
-    let crossed = |by: &dyn Fn(&PreparedEvent) -> bool| {
-        let count = events.iter().filter(|(e, _)| by(e)).count();
-        format!("{count} of {} events", events.len())
-    };
-    let dips = || {
-        let deepest = term.threshold().unwrap_or(1.0);
-        crossed(&|e| e.lowest_voltage < deepest)
-    };
-    match term.class() {
+    let count = events.iter().filter(|(event, _)| crossed(event)).count();
+    let what = match term.class() {
         Class::Lasting => {
             let delay = delay_text(term);
             let depth = if matches!(term, Term::Memory { .. }) {
@@ -67,101 +79,111 @@ fn told(events: &[(&PreparedEvent, &Curves)], term: &Term, chosen: &Chosen) -> S
                 ""
             };
             format!(
-                "{subject} {stays} {size} than modelled after dips below {threshold}{delay}{depth} \
-                 and nothing of it comes back within the window ({})",
-                dips()
+                "{who} {stays} {size} than modelled after dips below {level}{delay}{depth} and \
+                 nothing of it comes back within the window"
             )
         }
-        Class::Returning => {
-            let time = time_text(term);
-            format!(
-                "{subject} {is} {size} than modelled from dips below {threshold} on, fading \
-                 within about {time} ({})",
-                dips()
-            )
-        }
-        Class::WhileLow => format!(
-            "{subject} {is} {size} than modelled as long as the voltage is below {threshold}, and \
-             back at once after that ({})",
-            dips()
+        Class::Returning => format!(
+            "{who} {is} {size} than modelled from dips below {level} on, fading within about {}",
+            time_text(term)
         ),
-        Class::Static => match term {
-            Term::Deficit { .. } => format!(
-                "{subject} {is} up to {size} than modelled below {threshold}, in step with how deep \
-                 the voltage is ({})",
-                dips()
-            ),
-            Term::Excess { .. } => format!(
-                "{subject} {is} up to {size} than modelled above {threshold}, in step with the \
-                 voltage ({})",
-                crossed(&|e| e.highest_voltage > term.threshold().unwrap_or(1.0))
-            ),
-            _ => format!(
-                "{subject} {is} up to {size} than modelled as a bent function of the present voltage, \
-                 without memory"
-            ),
-        },
+        Class::WhileLow => format!(
+            "{who} {is} {size} than modelled as long as the voltage is below {level}, and back at \
+             once after that"
+        ),
+        _ => format!(
+            "{who} {is} up to {size} than modelled {} {level}, in step with the voltage",
+            if excess { "above" } else { "below" }
+        ),
+    };
+    format!("{what} ({count} of {} events)", events.len())
+}
+
+fn told_of_course(term: &Term, chosen: &Chosen) -> String {
+    let Subject { who, is, size, .. } = Subject::new(chosen);
+    let time = time_text(term);
+    match term.class() {
         Class::Quick => format!(
-            "{subject} {is} up to {size} than modelled for some cycles after each change of the \
+            "{who} {is} up to {size} than modelled for some cycles after each change of the \
              voltage, in step with its rate of change"
         ),
         Class::Dynamic => format!(
-            "{subject} {is} up to {size} than modelled while the voltage changes, fading with a time \
-             constant of about {}",
-            time_text(term)
+            "{who} {is} up to {size} than modelled while the voltage changes, fading with a time \
+             constant of about {time}"
         ),
         Class::Recovering => format!(
-            "{subject} {is} up to {size} than modelled after a lasting change of the voltage and \
-             recovers over about {}",
-            time_text(term)
+            "{who} {is} up to {size} than modelled after a lasting change of the voltage and \
+             recovers over about {time}"
         ),
-        Class::Frequency => format!(
-            "{subject} changes with the frequency{} beyond what is modelled: by {} % of P0 per 1 % of \
-             frequency deviation",
-            match term {
-                Term::FrequencyLag { .. } => format!(" with a lag of {}", time_text(term)),
-                _ => String::new(),
-            },
-            coefficients(chosen),
-        ),
+        Class::Frequency => {
+            let lag = if matches!(term, Term::FrequencyLag { .. }) {
+                format!(", with a lag of about {time},")
+            } else {
+                String::new()
+            };
+            format!(
+                "{who} {is} not only what is modelled but follows the frequency{lag} by {} % of \
+                 P0 per 1 % of frequency deviation",
+                coefficients(chosen, 1.0)
+            )
+        }
         Class::Drift => format!(
-            "{subject} moves away from the model through the whole window, before the disturbance too, by {} % of P0 \
-             per second",
-            coefficients(&Chosen {
-                coefficients: chosen.coefficients.map(|c| 100.0 * c),
-                ..chosen.clone()
-            }),
+            "{who} {is} drifting away from the model through the whole window, before the \
+             disturbance too, by {} % of P0 per second",
+            coefficients(chosen, 100.0)
+        ),
+        _ => format!(
+            "{who} {is} up to {size} than modelled as a bent function of the present voltage, \
+             without memory"
         ),
     }
 }
 
-/// The channels and by how much they are off.
-fn subject(chosen: &Chosen) -> (&'static str, String) {
-    let [p, q] = chosen.coefficients;
-    let larger = if p.abs() >= q.abs() { p } else { q };
-    let scale = if larger == 0.0 {
-        0.0
-    } else {
-        100.0 * chosen.largest_pu / larger.abs()
-    };
-    let side = |c: f64| {
-        let word = if c > 0.0 { "higher" } else { "lower" };
-        format!("{:.1} % of P0 {word}", scale * c.abs())
-    };
-    match (p != 0.0, q != 0.0) {
-        (true, true) => ("P and Q", format!("{} and {}", side(p), side(q))),
-        (false, true) => ("Q", side(q)),
-        _ => ("P", side(p)),
+/// The channels and by how much they are off, as parts of a sentence.
+struct Subject {
+    who: &'static str,
+    is: &'static str,
+    stays: &'static str,
+    size: String,
+}
+
+impl Subject {
+    fn new(chosen: &Chosen) -> Self {
+        let [p, q] = chosen.coefficients;
+        let larger = p.abs().max(q.abs()).max(f64::MIN_POSITIVE);
+        let side = |c: f64| {
+            let word = if c > 0.0 { "higher" } else { "lower" };
+            format!(
+                "{:.1} % of P0 {word}",
+                100.0 * chosen.largest_pu * c.abs() / larger
+            )
+        };
+        let (who, size) = match (p != 0.0, q != 0.0) {
+            (true, true) => ("P and Q", format!("{} and {}", side(p), side(q))),
+            (false, true) => ("Q", side(q)),
+            _ => ("P", side(p)),
+        };
+        let (is, stays) = if p != 0.0 && q != 0.0 {
+            ("are", "stay")
+        } else {
+            ("is", "stays")
+        };
+        Self {
+            who,
+            is,
+            stays,
+            size,
+        }
     }
 }
 
-fn coefficients(chosen: &Chosen) -> String {
+fn coefficients(chosen: &Chosen, scale: f64) -> String {
     let shown = chosen.coefficients.into_iter().filter(|c| *c != 0.0);
-    let texts: Vec<String> = shown.map(|c| format!("{c:+.2}")).collect();
+    let texts: Vec<String> = shown.map(|c| format!("{:+.2}", scale * c)).collect();
     texts.join(" and ")
 }
 
-fn threshold(chosen: &Chosen) -> String {
+fn level(chosen: &Chosen) -> String {
     match chosen.thresholds {
         Some([low, high]) if high > low => format!("about {low:.2} to {high:.2} pu"),
         Some([low, _]) => format!("about {low:.2} pu"),
