@@ -8,11 +8,14 @@ pub mod check_config;
 pub mod compare;
 mod connection;
 pub mod demo;
+pub mod diagnose;
+mod diagnosing;
 pub mod effects;
 mod error;
 mod fitting;
 pub mod generate;
 pub mod identify;
+pub mod improve;
 pub mod inspect;
 pub mod profile;
 pub mod replay;
@@ -39,9 +42,8 @@ pub use error::Error;
 #[derive(Debug, Parser)]
 #[command(name = "loadmodeld", version, about, long_about = None, after_help = AFTER_HELP)]
 struct CommandLine {
-    /// Effect written in a TOML file, beside those of the catalogue; may be given several times,
-    /// before the command
-    #[arg(long = "effect-file", value_name = "FILE")]
+    /// Effect written in a TOML file, beside those of the catalogue; may be given several times
+    #[arg(long = "effect-file", value_name = "FILE", global = true)]
     effect_files: Vec<PathBuf>,
     #[command(subcommand)]
     command: Command,
@@ -72,6 +74,10 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Fit a site folder, list all solutions, validate
     Identify(identify::IdentifyArgs),
+    /// Say where the model fails and which effect is missing
+    Diagnose(diagnose::DiagnoseArgs),
+    /// Add what is missing, refit, until nothing more is; show the error fall
+    Improve(improve::ImproveArgs),
     /// Follow the profile likelihood of parameters: confidence intervals, plot
     Profile(profile::ProfileArgs),
     /// Tell every local solution of a fit, how each was found, and whether a scan finds more
@@ -103,6 +109,8 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Subscribe(args) => subscribe::run(&args, out),
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
+        Command::Diagnose(args) => diagnose::run(&args, out).map_err(Error::other),
+        Command::Improve(args) => improve::run(&args, out).map_err(Error::other),
         Command::Profile(args) => profile::run(&args, out).map_err(Error::other),
         Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),

@@ -6,21 +6,33 @@
 //! data is escaped on its way in.
 
 mod decimate;
+mod diagnosis;
+mod diagnosis_tables;
 mod document;
 mod event;
+mod failure_figures;
 mod figure;
+mod improvement;
+mod labels;
 mod number;
 mod overview;
+mod page;
 mod profile;
 mod search_figures;
 mod sentence;
+mod staircase;
 mod tables;
 
 #[cfg(test)]
+pub(crate) mod diagnosis_fixture;
+#[cfg(test)]
 pub(crate) mod fixture;
 
+pub use diagnosis::render_diagnosis;
 pub use document::{Report, Rival, Search, render};
 pub use figure::ReportError;
+pub use improvement::render_improvement;
 pub use profile::profile_svg;
 pub use search_figures::{along_directions, tiers};
+pub use staircase::step_in_words;
 pub use tables::role;
