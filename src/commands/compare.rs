@@ -309,6 +309,7 @@ mod tests {
     use crate::{
         adapters::{bundled, report::fixture},
         disturbance::Trigger,
+        identification::IdentificationOptions,
         identification::Split,
     };
 
