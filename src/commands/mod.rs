@@ -21,6 +21,7 @@ pub mod profile;
 pub mod replay;
 pub mod run;
 pub mod solutions;
+pub mod structure;
 pub mod subscribe;
 
 use std::{
@@ -86,6 +87,8 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// List effects, show one, check effect files
     Effects(effects::EffectsArgs),
+    /// Show or change which model a site of a service is to have
+    Structure(structure::StructureArgs),
     /// Make synthetic sites whose truth is known
     Generate(generate::GenerateArgs),
     /// Print a completion script for a shell
@@ -94,11 +97,16 @@ enum Command {
     Man,
 }
 
-fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
+/// `effect_files` are those of the command line. A configuration may name more, and all must be made
+/// known at one time.
+fn dispatch(command: Command, effect_files: &[PathBuf], out: &mut dyn Write) -> Result<(), Error> {
+    if !matches!(command, Command::Run(_) | Command::CheckConfig(_)) {
+        effects::register(effect_files)?;
+    }
     match command {
-        Command::Run(args) => run::run(&args),
+        Command::Run(args) => run::run(&args, effect_files),
         Command::CheckConfig(args) => {
-            if check_config::run(&args, out)? {
+            if check_config::run(&args, effect_files, out)? {
                 Ok(())
             } else {
                 Err(Error::UnusableConfiguration)
@@ -115,6 +123,7 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Effects(args) => effects::run(&args, out),
+        Command::Structure(args) => structure::run(&args, out),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),
         Command::Man => manual(out),
@@ -139,8 +148,11 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let outcome = effects::register(&command_line.effect_files)
-        .and_then(|()| dispatch(command_line.command, &mut io::stdout().lock()));
+    let outcome = dispatch(
+        command_line.command,
+        &command_line.effect_files,
+        &mut io::stdout().lock(),
+    );
     let Err(error) = outcome else {
         return ExitCode::SUCCESS;
     };

@@ -1,13 +1,21 @@
-//! Metrics, health and a read-only view of the store over HTTP.
+//! Metrics, health, a view of the store, and actions for whoever has the token, over HTTP.
 
+mod actions;
 mod api;
+pub mod client;
 mod documents;
 pub mod health;
 mod index;
 pub mod options;
 pub mod server;
+mod token;
 
-pub use documents::{DecisionDocument, EventDocument, SetDocument, SiteDocument};
+pub use actions::{Actions, Change, Refusal};
+pub use documents::{
+    DecisionDocument, DiagnosisDocument, EventDocument, SetDocument, SiteDocument,
+    StructureDocument,
+};
 pub use health::{Health, HealthReport};
-pub use options::HttpOptions;
+pub use options::{HttpOptions, TokenSource};
 pub use server::{Context, bind, serve};
+pub use token::{Token, TokenError};

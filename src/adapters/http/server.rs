@@ -12,7 +12,7 @@ use axum::{
 };
 use tokio::net::TcpListener;
 
-use super::{Health, api, index};
+use super::{Actions, Health, actions, api, index};
 use crate::{
     adapters::{prometheus, store::Store},
     telemetry::Metrics,
@@ -27,6 +27,8 @@ pub struct Context {
     pub metrics: Arc<Metrics>,
     /// Health.
     pub health: Arc<Health>,
+    /// What people may do.
+    pub actions: Actions,
     /// Rows of one answer at most.
     pub rows_max: usize,
 }
@@ -64,6 +66,7 @@ fn router(context: Arc<Context>) -> Router {
         .route("/healthz", get(health))
         .route("/livez", get(live))
         .merge(api::routes())
+        .merge(actions::routes())
         .layer(middleware::from_fn(with_headers))
         .with_state(context)
 }

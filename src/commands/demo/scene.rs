@@ -21,6 +21,7 @@ use crate::{
     commands::{Error, replay::Plan},
     daemon::Settings,
     disturbance::{DetectorOptions, ScreeningOptions},
+    load_model::Structure,
     measurement::ConcentratorOptions,
     service::{ServiceOptions, SiteOptions},
 };
@@ -88,6 +89,7 @@ impl Scene {
             concentrator: ConcentratorOptions::default(),
             detector: DetectorOptions::default(),
             screening: ScreeningOptions::default(),
+            structure: Structure::zip_im().names(),
         });
         Settings {
             service,
