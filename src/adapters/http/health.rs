@@ -81,6 +81,12 @@ impl Health {
         self.stopping.store(true, Ordering::Relaxed);
     }
 
+    /// UTC nanoseconds.
+    #[must_use]
+    pub fn now_ns(&self) -> i64 {
+        (self.clock)()
+    }
+
     /// How things are now.
     pub fn report(&self) -> HealthReport {
         let idle_ns = (self.clock)().saturating_sub(self.progress_ns.load(Ordering::Relaxed));

@@ -1,9 +1,8 @@
-//! Metrics, health and a read-only view of the store over HTTP.
+//! Metrics, health and the API over HTTP; `adapters::web` has the pages.
 
 mod api;
 mod documents;
 pub mod health;
-mod index;
 pub mod options;
 pub mod server;
 

@@ -5,11 +5,11 @@
 //! every figure carries a description and the data it was drawn from. Everything that comes from
 //! data is escaped on its way in.
 
-mod decimate;
+pub(in crate::adapters) mod decimate;
 mod document;
 mod event;
 mod figure;
-mod number;
+pub(in crate::adapters) mod number;
 mod overview;
 mod profile;
 mod search_figures;

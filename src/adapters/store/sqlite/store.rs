@@ -6,7 +6,7 @@ use crate::{
         Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId,
         Job, JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewFit, NewJob, Operation,
         Pruned, Saved, Store, StoreCounts, StoreError, StoredFit, StoredSet, WindowQuery,
-        WindowSummary,
+        WindowSummary, WindowTally,
     },
     disturbance::{Screening, Window},
     measurement::Site,
@@ -35,6 +35,10 @@ impl Store for SqliteStore {
 
     fn window_summaries(&self, query: &WindowQuery<'_>) -> Result<Vec<WindowSummary>, StoreError> {
         self.read(Operation("list windows"), |c| windows::summaries(c, query))
+    }
+
+    fn window_tallies(&self) -> Result<Vec<WindowTally>, StoreError> {
+        self.read(Operation("count windows"), windows::tallies)
     }
 
     fn usable_windows(&self, site: &str, count_max: usize) -> Result<Vec<Window>, StoreError> {

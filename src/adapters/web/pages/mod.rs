@@ -1,0 +1,13 @@
+//! The pages, one file each.
+
+pub(super) mod event;
+mod event_charts;
+mod event_view;
+pub(super) mod events;
+pub(super) mod health;
+mod models;
+mod set_difference;
+mod set_view;
+pub(super) mod sets;
+pub(super) mod sites;
+pub(super) mod solutions;
