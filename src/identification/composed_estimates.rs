@@ -44,6 +44,16 @@ pub(super) fn composed_estimates(
     (estimates, precision)
 }
 
+/// The parameters of one effect in a composed fit; none where the model has no such effect.
+#[must_use]
+pub fn composed_parameters(fit: &ComposedFit, effect: &str) -> Vec<ParameterEstimate> {
+    let scale = fit.chi_square_per_row().max(1.0).sqrt();
+    let own = fit.model.parameters().iter().enumerate();
+    own.filter(|(_, p)| p.effect == Some(effect))
+        .map(|(index, parameter)| effect_estimate(fit, index, parameter, scale))
+        .collect()
+}
+
 fn effect_estimate(
     fit: &ComposedFit,
     index: usize,

@@ -16,7 +16,7 @@ use super::{
     precision::Precision,
     robust::RobustLoss,
     scan_comparison::{ScanCheck, ScanComparison},
-    site_fit::fit_site,
+    site_fit::{FittedSite, fit_site},
     solution::Ended,
     validate::{Evidence, ValidationOptions, validate},
 };
@@ -150,7 +150,24 @@ pub fn identify(
     options: &IdentificationOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Identification, IdentificationError> {
-    let site_fit = fit_site(windows, structure, options, cancel)?;
+    conclude(
+        site,
+        fit_site(windows, structure, options, cancel)?,
+        options,
+    )
+}
+
+/// What is said of a fitted site: errors, parameters with their precision, verdict, solutions.
+///
+/// # Errors
+///
+/// [`IdentificationError::NoSolution`] when the search found none, or the model cannot be simulated
+/// on an event.
+pub fn conclude(
+    site: &Site,
+    site_fit: FittedSite,
+    options: &IdentificationOptions,
+) -> Result<Identification, IdentificationError> {
     let best = site_fit.best()?;
     let (problem, fitted) = (&site_fit.problem, &site_fit.measured);
     let model = site_fit.model(best);
@@ -207,7 +224,12 @@ pub fn identify(
 
 /// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
 /// explain P and Q best, until the objective settles.
-pub(super) fn fit_aligned(
+///
+/// # Errors
+///
+/// [`IdentificationError::NoSolution`] when the search finds nothing, [`IdentificationError::Cancelled`]
+/// when the caller asked to stop.
+pub fn fit_aligned(
     mut events: Vec<PreparedEvent>,
     problem: ProblemOptions,
     search: &SearchOptions,
@@ -300,7 +322,10 @@ pub fn errors_on(
     errors(model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
 }
 
-pub(super) fn prepare_all(
+/// Prepares every window that can be; the others with the reason. Sorted by name, so that the order
+/// of arrival does not reach the sums.
+#[must_use]
+pub fn prepare_all(
     windows: &[Window],
     options: &IntakeOptions,
 ) -> (Vec<PreparedEvent>, Vec<(String, String)>) {
@@ -311,7 +336,6 @@ pub(super) fn prepare_all(
             Err(reason) => refused.push((window.id.clone(), reason.to_string())),
         }
     }
-    // The order of arrival must not reach the sums.
     events.sort_by(|a, b| a.id.cmp(&b.id));
     (events, refused)
 }
@@ -373,7 +397,9 @@ pub(super) fn split(
     }
 }
 
-pub(super) fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
+/// The operating point to which a set fitted to these events refers.
+#[must_use]
+pub fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
     let median = |value: fn(&PreparedEvent) -> f64| {
         let mut values: Vec<f64> = events.iter().map(value).collect();
         values.sort_by(f64::total_cmp);

@@ -14,22 +14,27 @@ use super::{
 use crate::{disturbance::Window, load_model::Structure};
 
 /// The fit of a site before anything is said of it.
-#[derive(Debug)]
-pub(super) struct FittedSite {
-    pub(super) structure: Structure,
-    pub(super) problem: ProblemOptions,
-    pub(super) found: Fit,
+#[derive(Clone, Debug)]
+pub struct FittedSite {
+    /// What was fitted.
+    pub structure: Structure,
+    /// Bounds, priors and random effects of the plain part.
+    pub problem: ProblemOptions,
+    /// The search on the plain part.
+    pub found: Fit,
     /// Fitted events, jumps aligned, deviations as the fit used them.
-    pub(super) weighted: Vec<PreparedEvent>,
+    pub weighted: Vec<PreparedEvent>,
     /// The same events with the deviations that the measurement alone gives.
-    pub(super) measured: Vec<PreparedEvent>,
+    pub measured: Vec<PreparedEvent>,
     /// Events held out.
-    pub(super) held: Vec<PreparedEvent>,
-    pub(super) operating_point: OperatingPoint,
-    pub(super) refused: Vec<(String, String)>,
+    pub held: Vec<PreparedEvent>,
+    /// Where the set refers to.
+    pub operating_point: OperatingPoint,
+    /// Events that could not be used, with the reason.
+    pub refused: Vec<(String, String)>,
     /// The fit of the whole structure, where it has more than the plain path can simulate; `found`
     /// is then the search on its plain part.
-    pub(super) composed: Option<ComposedFit>,
+    pub composed: Option<ComposedFit>,
 }
 
 impl FittedSite {

@@ -1,5 +1,20 @@
 //! Where a model fails: residuals by event, channel and segment, what they depend on, and one plain
 //! sentence for each event.
+//!
+//! [`failure`] looks at one event, [`pooled`] adds events up. Both are pure and deterministic; their
+//! cost is linear in the samples but for the correlations (samples times lags).
+
+mod autocorrelation;
+mod cross_correlation;
+mod dependence;
+mod failure;
+mod segments;
+mod sentence;
+mod series;
+
+pub use failure::failure;
+pub use segments::pooled;
+pub use series::{ChannelSeries, EventSeries};
 
 /// A part of a window, by what the voltage does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -50,7 +65,9 @@ impl Channel {
     }
 }
 
-/// Residual (measured minus model) of one channel in one segment.
+/// Residual (measured minus model) of one channel in one segment. Every used sample counts by the
+/// inverse square of its deviation in the fit, so that samples near edges, which the measurement
+/// leaves uncertain, count little.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentResidual {
     /// Segment.
@@ -67,7 +84,7 @@ pub struct SegmentResidual {
     pub mean_pu: f64,
     /// Root mean square, pu of P0.
     pub rms_pu: f64,
-    /// Root mean square over the noise floor.
+    /// Root mean square of residual over the sample's deviation; 1 is noise alone.
     pub to_noise: f64,
 }
 
@@ -80,7 +97,7 @@ pub enum Quantity {
     VoltageRate,
     /// Frequency deviation, relative.
     FrequencyDeviation,
-    /// Time since the clearing, s.
+    /// Time since the clearing, or since the onset where nothing clears, s.
     TimeSinceClearing,
 }
 
@@ -104,8 +121,8 @@ pub struct Dependence {
     pub channel: Channel,
     /// Quantity.
     pub quantity: Quantity,
-    /// Share of the residual's squares that the bins' means explain, 0 to 1, corrected for the
-    /// number of bins.
+    /// Share of the residual's variance over the event that the bins' means explain, 0 to 1,
+    /// corrected for the number of bins and for how few of the samples are independent.
     pub explained: f64,
     /// Centre, mean residual (pu of P0), its standard error and the number of samples of each bin.
     pub bins: Vec<(f64, f64, f64, usize)>,
@@ -120,7 +137,8 @@ pub struct CrossCorrelation {
     pub lags_s: Vec<f64>,
     /// Correlation at each lag, -1 to 1.
     pub correlation: Vec<f64>,
-    /// Absolute values below this are what white residuals would show in 95 of 100 cases.
+    /// Absolute values below this are what a residual that has nothing to do with the voltage, but
+    /// is as slow as this one, shows at a given lag in 95 of 100 cases (Bartlett).
     pub band: f64,
 }
 
@@ -135,12 +153,18 @@ pub struct EventFailure {
     pub lowest_voltage: f64,
     /// Largest relative frequency deviation, signed.
     pub frequency_deviation: f64,
-    /// Error over noise of the event part.
+    /// Root mean square of residual over deviation of the event part, both channels; near edges the
+    /// deviation is what the fit takes it to be.
     pub error_to_noise: f64,
+    /// Instant of the clearing, seconds since the onset; none where the voltage steps, ramps or
+    /// swings without one.
+    pub clearing_s: Option<f64>,
     /// Residuals by segment and channel.
     pub segments: Vec<SegmentResidual>,
     /// Dependences, strongest first.
     pub dependences: Vec<Dependence>,
     /// Cross-correlations of P and Q.
     pub cross_correlations: Vec<CrossCorrelation>,
+    /// What all of it was computed from, for whoever draws it.
+    pub series: EventSeries,
 }

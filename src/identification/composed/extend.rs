@@ -57,6 +57,44 @@ const FIRST_STAGE_EVALUATIONS: u64 = 10;
 /// An amplitude starts within this share of its bounds.
 const START_WITHIN: f64 = 0.6;
 
+/// Scores of `effect` at every point of its grid and from every origin (fits of one structure to the
+/// same or to fewer events), best first; nothing is refitted.
+///
+/// # Errors
+///
+/// [`StructureError`] when the effect is not in the catalogue, or excluded by a part of the
+/// structure.
+pub fn screen(
+    events: &[PreparedEvent],
+    structure: &Structure,
+    origins: &[&ComposedFit],
+    effect: &str,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<Vec<Score>, StructureError> {
+    let model = ComposedModel::new(&structure.with(effect)?);
+    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    let Some(effect) = effects::find(effect) else {
+        return Ok(Vec::new());
+    };
+    let mut scores: Vec<Score> = origins
+        .iter()
+        .flat_map(|origin| {
+            let step = Step {
+                rows: &rows,
+                model: &model,
+                effect,
+                origin,
+                options,
+                cancel,
+            };
+            step.screen()
+        })
+        .collect();
+    scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    Ok(scores)
+}
+
 /// Adds `effect` to every origin (fits of one structure to the same or to fewer events) and refits
 /// on `events`; the best is kept.
 ///

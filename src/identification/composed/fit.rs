@@ -187,3 +187,21 @@ fn finished(
         parameters,
     })
 }
+
+/// `r' Sigma^-1 r` of every event under given parameters, what varies from event to event
+/// marginalised: the misfit of events that were not fitted. `None` when one cannot be simulated.
+#[must_use]
+pub fn squares(
+    events: &[PreparedEvent],
+    model: &ComposedModel,
+    parameters: &[f64],
+    scatter: &Scatter,
+) -> Option<Vec<f64>> {
+    let square = |event: &PreparedEvent| {
+        let rows = EventRows::new(event);
+        let covariance = rows.covariance(model, parameters, scatter).ok()??;
+        let residual = rows.residual(model, parameters).ok()?;
+        Some(covariance.square(&residual))
+    };
+    events.iter().map(square).collect()
+}

@@ -18,7 +18,7 @@ mod tests;
 
 pub use baseline::{Baseline, baseline};
 pub use coordinates::Coordinates;
-pub use extend::{Extension, extend};
-pub use fit::{ComposedFit, ComposedFitOptions, fit};
+pub use extend::{Extension, Score, extend, screen};
+pub use fit::{ComposedFit, ComposedFitOptions, fit, squares};
 pub use model::ComposedLoad;
 pub use rows::Scatter;

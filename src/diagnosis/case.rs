@@ -1,0 +1,301 @@
+//! The events of a site as a diagnosis uses them, and fits to them.
+
+use super::{
+    event_sets::{Use, uses},
+    options::{DiagnosisOptions, Progress},
+    outcome::{EventSets, StructureErrors},
+};
+use crate::{
+    disturbance::Window,
+    identification::{
+        ErrorSummary, FittedSite, Identification, IdentificationError,
+        composed::{self, Baseline, ComposedFit, ComposedLoad},
+        conclude,
+        edge_timing::align,
+        evaluate::{Curves, EventModel, StaticModel, errors},
+        fit::Fit,
+        fit_aligned,
+        intake::PreparedEvent,
+        joint_problem::ProblemOptions,
+        median_operating_point, prepare_all,
+    },
+    load_model::Structure,
+    measurement::Site,
+};
+
+/// Whoever waits for a diagnosis.
+#[derive(Clone, Copy)]
+pub(super) struct Watcher<'a> {
+    pub(super) progress: &'a (dyn Fn(Progress) + Sync),
+    pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
+}
+
+impl Watcher<'_> {
+    pub(super) fn check(&self) -> Result<(), IdentificationError> {
+        if (self.cancel)() {
+            return Err(IdentificationError::Cancelled);
+        }
+        Ok(())
+    }
+
+    pub(super) fn says(&self, what: String, done: usize, of: usize) {
+        (self.progress)(Progress { what, done, of });
+    }
+}
+
+/// The events by use and the plain search on them.
+pub(super) struct Case<'a> {
+    pub(super) site: &'a Site,
+    pub(super) options: &'a DiagnosisOptions,
+    pub(super) watcher: Watcher<'a>,
+    /// Fitted and gating events, jumps aligned.
+    pub(super) judged: Vec<PreparedEvent>,
+    /// Which of `judged` gate.
+    gates: Vec<bool>,
+    pub(super) untouched: Vec<PreparedEvent>,
+    pub(super) refused: Vec<(String, String)>,
+    problem: ProblemOptions,
+    pub(super) found: Fit,
+}
+
+impl<'a> Case<'a> {
+    /// Prepares the windows and runs the plain search on all but the untouched ones.
+    pub(super) fn new(
+        site: &'a Site,
+        windows: &[Window],
+        options: &'a DiagnosisOptions,
+        watcher: Watcher<'a>,
+    ) -> Result<Self, IdentificationError> {
+        let (events, refused) = prepare_all(windows, &options.identification.intake);
+        if events.is_empty() {
+            return Err(IdentificationError::NoUsableEvent { refused });
+        }
+        let keys: Vec<(&str, f64)> = events
+            .iter()
+            .map(|e| (e.id.as_str(), e.lowest_voltage))
+            .collect();
+        let uses = uses(&keys, &options.split);
+        let (mut judged, mut gates, mut untouched) = (Vec::new(), Vec::new(), Vec::new());
+        for (event, how) in events.into_iter().zip(uses) {
+            if how == Use::Untouched {
+                untouched.push(event);
+            } else {
+                judged.push(event);
+                gates.push(how == Use::Gate);
+            }
+        }
+        watcher.says("fitting ZIP and motor".to_owned(), 0, 1);
+        let problem = options.identification.problem;
+        let search = &options.identification.search;
+        let (found, judged) = fit_aligned(judged, problem, search, watcher.cancel)?;
+        Ok(Self {
+            site,
+            options,
+            watcher,
+            judged,
+            gates,
+            untouched,
+            refused,
+            problem,
+            found,
+        })
+    }
+
+    /// Events by use.
+    pub(super) fn events(&self) -> EventSets {
+        let names = |gating: bool| {
+            let pairs = self.judged.iter().zip(&self.gates);
+            pairs
+                .filter(|(_, g)| **g == gating)
+                .map(|(e, _)| e.id.clone())
+                .collect()
+        };
+        EventSets {
+            fit: names(false),
+            gate: names(true),
+            untouched: self.untouched.iter().map(|e| e.id.clone()).collect(),
+            refused: self.refused.clone(),
+        }
+    }
+
+    /// The fitted events, or those of the gate.
+    pub(super) fn part(&self, gating: bool) -> Vec<PreparedEvent> {
+        let pairs = self.judged.iter().zip(&self.gates);
+        pairs
+            .filter(|(_, g)| **g == gating)
+            .map(|(e, _)| e.clone())
+            .collect()
+    }
+
+    /// The fits from which effects start, of a structure built up effect by effect.
+    pub(super) fn baseline(&self, structure: &Structure) -> Result<Baseline, IdentificationError> {
+        let plain = structure.plain_part();
+        let best = self
+            .found
+            .solutions
+            .first()
+            .ok_or(IdentificationError::NoSolution)?;
+        let built = composed::baseline(
+            &self.judged,
+            &plain,
+            best,
+            &self.problem,
+            &self.options.composed,
+            self.watcher.cancel,
+        );
+        let mut built = built.ok_or_else(|| self.failed())?;
+        for effect in structure.names() {
+            if !plain.contains(&effect) {
+                built = self.with(&built, &effect)?;
+            }
+        }
+        Ok(built)
+    }
+
+    /// A baseline with one more effect.
+    pub(super) fn with(
+        &self,
+        base: &Baseline,
+        effect: &str,
+    ) -> Result<Baseline, IdentificationError> {
+        self.watcher.check()?;
+        let next = base.with(
+            &self.judged,
+            effect,
+            &self.options.composed,
+            self.watcher.cancel,
+        )?;
+        next.ok_or_else(|| self.failed())
+    }
+
+    pub(super) fn failed(&self) -> IdentificationError {
+        if (self.watcher.cancel)() {
+            IdentificationError::Cancelled
+        } else {
+            IdentificationError::NoSolution
+        }
+    }
+
+    /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
+    /// been fitted. `None` without gating events or when it cannot be simulated.
+    pub(super) fn without_gate(&self, fit: &ComposedFit) -> Option<ComposedFit> {
+        if !self.gates.contains(&true) {
+            return None;
+        }
+        composed::fit(
+            &self.part(false),
+            &fit.model,
+            &fit.parameters,
+            &fit.free,
+            &self.options.composed,
+            self.watcher.cancel,
+        )
+    }
+
+    /// Weighted squares of the gating events, composition of each event free to vary, and their rows.
+    pub(super) fn gate_squares(&self, fit: &ComposedFit) -> Option<(Vec<f64>, usize)> {
+        let gate = self.part(true);
+        let squares = composed::squares(
+            &gate,
+            &fit.model,
+            &fit.parameters,
+            &self.options.composed.scatter,
+        )?;
+        let rows = gate
+            .iter()
+            .map(|e| 2 * e.used.iter().filter(|u| **u).count())
+            .sum();
+        Some((squares, rows))
+    }
+
+    /// Errors on the fitted and gating events of a fit without the gate, and on the untouched ones of
+    /// the fit to both.
+    pub(super) fn errors(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Option<StructureErrors> {
+        let judged = load(structure, fit);
+        let untouched = self.errors_of(&judged, &self.untouched);
+        let Some(training) = self.without_gate(fit) else {
+            return Some(StructureErrors {
+                fit: self.errors_of(&judged, &self.judged)?,
+                gate: None,
+                untouched,
+            });
+        };
+        let model = load(structure, &training);
+        Some(StructureErrors {
+            fit: self.errors_of(&model, &self.part(false))?,
+            gate: self.errors_of(&model, &self.part(true)),
+            untouched,
+        })
+    }
+
+    /// Errors of a model on events; `None` without events or when it cannot be simulated.
+    pub(super) fn errors_of(
+        &self,
+        model: &ComposedLoad,
+        events: &[PreparedEvent],
+    ) -> Option<ErrorSummary> {
+        if events.is_empty() {
+            return None;
+        }
+        let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
+        errors(model, &StaticModel::fit(&self.judged), &events).ok()
+    }
+
+    /// What a fit says in all events that it can be simulated in, in the order of their names.
+    pub(super) fn curves(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Vec<(PreparedEvent, Curves)> {
+        let model = load(structure, fit);
+        let mut events: Vec<&PreparedEvent> = self.judged.iter().chain(&self.untouched).collect();
+        events.sort_by(|a, b| a.id.cmp(&b.id));
+        let simulated = events.into_iter().filter_map(|event| {
+            let event = align(&model, event);
+            let curves = model.curves(&event).ok()?;
+            Some((event, curves))
+        });
+        simulated.collect()
+    }
+
+    /// The parameter set of a fit, validated on the untouched events (on those of the gate where
+    /// there are none).
+    pub(super) fn conclude(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Result<Identification, IdentificationError> {
+        let (fitted, held, fit) = if self.untouched.is_empty()
+            && let Some(training) = self.without_gate(fit)
+        {
+            (self.part(false), self.part(true), training)
+        } else {
+            (self.judged.clone(), self.untouched.clone(), fit.clone())
+        };
+        let fitted_site = FittedSite {
+            structure: structure.clone(),
+            problem: self.problem,
+            found: self.found.clone(),
+            operating_point: median_operating_point(&fitted),
+            weighted: fitted.clone(),
+            measured: fitted,
+            held,
+            refused: self.refused.clone(),
+            composed: Some(fit),
+        };
+        conclude(self.site, fitted_site, &self.options.identification)
+    }
+}
+
+/// The model of a fit.
+pub(super) fn load(structure: &Structure, fit: &ComposedFit) -> ComposedLoad {
+    ComposedLoad {
+        structure: structure.clone(),
+        model: fit.model.clone(),
+        parameters: fit.parameters.clone(),
+    }
+}

@@ -1,0 +1,169 @@
+//! What may be said of the trials: figures in, a decision with its reasons out. No model here.
+
+use super::options::ClaimOptions;
+
+/// Weighted squares per row on the gate's events, not fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct GateEvidence {
+    pub(super) before: f64,
+    pub(super) after: f64,
+}
+
+/// What speaks for one effect.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Evidence {
+    /// The load, not the instrument.
+    pub(super) physics: bool,
+    /// Change of the criterion on all judged events.
+    pub(super) delta_bic: f64,
+    /// Weighted squares per row without it ...
+    pub(super) chi_square_before: f64,
+    /// ... and with it.
+    pub(super) chi_square_after: f64,
+    /// Amplitude over the smallest meaningful one.
+    pub(super) amplitude_over_meaningful: f64,
+    /// Against the gate; none where there is none.
+    pub(super) gate: Option<GateEvidence>,
+}
+
+/// Share by which a value falls.
+fn fall(before: f64, after: f64) -> f64 {
+    if before > 0.0 && after.is_finite() {
+        (before - after) / before
+    } else {
+        -1.0
+    }
+}
+
+/// Why this effect may not be declared, each with its figure; empty when it may.
+pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<String> {
+    let mut list = Vec::new();
+    if evidence.delta_bic > -options.delta_bic_min {
+        list.push(format!(
+            "the criterion changes by {:.0}; a claim needs -{:.0}",
+            evidence.delta_bic, options.delta_bic_min
+        ));
+    }
+    let own = fall(evidence.chi_square_before, evidence.chi_square_after);
+    if own < options.fall_min {
+        list.push(format!(
+            "the misfit of the fitted events falls by {:.1} %; a claim needs {:.0} %",
+            100.0 * own,
+            100.0 * options.fall_min
+        ));
+    }
+    if evidence.amplitude_over_meaningful < 1.0 {
+        list.push(format!(
+            "its amplitude is {:.2} of the smallest one worth reporting",
+            evidence.amplitude_over_meaningful
+        ));
+    }
+    if let Some(gate) = evidence.gate {
+        let held_out = fall(gate.before, gate.after);
+        if held_out < options.held_out_fall_min {
+            list.push(format!(
+                "the misfit of the held-out events falls by {:.1} %; a claim needs {:.0} %",
+                100.0 * held_out,
+                100.0 * options.held_out_fall_min
+            ));
+        }
+    }
+    list
+}
+
+/// Whether an effect explains what is left so far that its name can stand for it: down to the floor,
+/// or nearly all of it.
+pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
+    let left = (evidence.chi_square_after - options.floor).max(0.0);
+    let before = (evidence.chi_square_before - options.floor).max(f64::MIN_POSITIVE);
+    evidence.chi_square_after < options.reached_floors * options.floor
+        || left / before < options.left_share
+}
+
+/// The trials, best criterion first, of which the first is declared: indices of those that cannot be
+/// told from it, itself first. Those that may not be declared do not count.
+pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> Vec<usize> {
+    let allowed = |i: &usize| list[*i].1;
+    let Some(best) = (0..list.len()).find(|i| allowed(i)) else {
+        return Vec::new();
+    };
+    let gain = -list[best].0.delta_bic;
+    let near = options.delta_bic_near.max(options.rival_share * gain);
+    let close = |i: &usize| gain + list[*i].0.delta_bic <= near;
+    let mut chosen: Vec<usize> = (best..list.len()).filter(allowed).filter(close).collect();
+    // An instrument that explains as much as the load is blamed first: it is the simpler cause.
+    chosen.sort_by_key(|&i| list[i].0.physics);
+    chosen
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evidence(delta_bic: f64, after: f64, physics: bool) -> Evidence {
+        Evidence {
+            physics,
+            delta_bic,
+            chi_square_before: 10.0,
+            chi_square_after: after,
+            amplitude_over_meaningful: 3.0,
+            gate: Some(GateEvidence {
+                before: 12.0,
+                after: after * 1.2,
+            }),
+        }
+    }
+
+    #[test]
+    fn a_claim_needs_criterion_misfit_amplitude_and_gate() {
+        let options = ClaimOptions::default();
+        let good = evidence(-500.0, 2.0, true);
+        assert!(objections(&good, &options).is_empty());
+        let weak = Evidence {
+            delta_bic: -20.0,
+            ..good.clone()
+        };
+        assert_eq!(objections(&weak, &options).len(), 1);
+        let small = Evidence {
+            amplitude_over_meaningful: 0.4,
+            ..good.clone()
+        };
+        assert!(objections(&small, &options)[0].contains("0.40"));
+        let gate = Some(GateEvidence {
+            before: 12.0,
+            after: f64::INFINITY,
+        });
+        let failed = Evidence {
+            gate,
+            ..good.clone()
+        };
+        assert!(objections(&failed, &options)[0].contains("held-out"));
+        let ungated = Evidence { gate: None, ..good };
+        assert!(objections(&ungated, &options).is_empty());
+    }
+
+    #[test]
+    fn rivals_within_five_percent_share_the_answer_and_instruments_come_first() {
+        let options = ClaimOptions::default();
+        let list = [
+            (evidence(-1000.0, 2.0, true), true),
+            (evidence(-990.0, 2.0, true), false),
+            (evidence(-960.0, 2.1, false), true),
+            (evidence(-900.0, 2.5, true), true),
+        ];
+        assert_eq!(answer_set(&list, &options), [2, 0]);
+        assert!(answer_set(&list[1..2], &options).is_empty());
+    }
+
+    #[test]
+    fn a_name_stands_only_for_what_it_explains() {
+        let options = ClaimOptions::default();
+        assert!(reaches(&evidence(-500.0, 2.0, true), &options));
+        assert!(!reaches(&evidence(-500.0, 6.0, true), &options));
+        let large = Evidence {
+            chi_square_before: 1000.0,
+            ..evidence(-500.0, 6.0, true)
+        };
+        assert!(reaches(&large, &options));
+    }
+}

@@ -1,0 +1,257 @@
+//! From windows to a diagnosis.
+
+use super::{
+    case::{Case, Watcher},
+    claim::objections,
+    options::{DiagnosisOptions, Progress},
+    outcome::{
+        Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable,
+    },
+    round::{Round, round},
+    trials::{Trial, amplitude},
+    where_it_fails::{failure, pooled},
+};
+use crate::{
+    disturbance::Window,
+    identification::{IdentificationError, composed_parameters},
+    load_model::{Structure, effect::Role},
+    measurement::Site,
+};
+
+/// An amplitude shows when it is this many of its standard errors.
+const DETECTABLE_ERRORS: f64 = 4.0;
+
+/// Judges `structure` on the windows of a site and names what is missing in it.
+///
+/// Deterministic: the same windows and options give the same diagnosis, whatever the number of
+/// threads and the order of the windows. Events that cannot be judged do not fail the call: the
+/// diagnosis says [`Status::CannotJudge`] and why.
+///
+/// # Errors
+///
+/// [`IdentificationError::Structure`] when the structure cannot be composed,
+/// [`IdentificationError::Cancelled`] when `cancel` said so.
+pub fn diagnose(
+    site: &Site,
+    windows: &[Window],
+    structure: &[String],
+    options: &DiagnosisOptions,
+    progress: &(dyn Fn(Progress) + Sync),
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<Diagnosis, IdentificationError> {
+    let parsed = Structure::parse(structure)?;
+    let watcher = Watcher { progress, cancel };
+    let judged = Case::new(site, windows, options, watcher).and_then(|case| {
+        let round = round(&case, case.baseline(&parsed)?)?;
+        Ok(report(&case, &round))
+    });
+    match judged {
+        Err(
+            error @ (IdentificationError::NoUsableEvent { .. } | IdentificationError::NoSolution),
+        ) => Ok(cannot_judge(site, structure, &error)),
+        other => other,
+    }
+}
+
+fn cannot_judge(site: &Site, structure: &[String], error: &IdentificationError) -> Diagnosis {
+    let refused = match error {
+        IdentificationError::NoUsableEvent { refused } => refused.clone(),
+        _ => Vec::new(),
+    };
+    Diagnosis {
+        site: site.name.clone(),
+        structure: structure.to_vec(),
+        status: Status::CannotJudge,
+        summary: format!("Nothing can be said of this model: {error}."),
+        reasons: vec![error.to_string()],
+        events: EventSets {
+            refused,
+            ..EventSets::default()
+        },
+        baseline: StructureErrors::default(),
+        noise_floor: ERROR_TO_NOISE_FLOOR,
+        segments: Vec::new(),
+        failures: Vec::new(),
+        candidates: Vec::new(),
+        answer_set: Vec::new(),
+        untestable: Vec::new(),
+        unexplained: None,
+        cost: DiagnosisCost::default(),
+    }
+}
+
+/// Root mean square of residual over noise that a perfect model leaves, edges included
+/// (`docs/validation.md`, generated sites).
+pub const ERROR_TO_NOISE_FLOOR: f64 = 1.1;
+
+/// What a round says, in words and figures.
+pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
+    let structure = &round.asked.baseline.structure;
+    let fit = &round.asked.baseline.all;
+    let curves = case.curves(structure, fit);
+    let failures: Vec<_> = curves
+        .iter()
+        .map(|(event, curves)| failure(event, curves))
+        .collect();
+    let candidates = candidates(case, round);
+    let answer_set: Vec<String> = round
+        .decision
+        .answer
+        .iter()
+        .map(|&i| round.trials[i].name().to_owned())
+        .collect();
+    let trials = || round.trials.iter();
+    let unexplained = (round.decision.status == Status::UnknownEffect)
+        .then(|| {
+            let closest = round.base();
+            let (events, curves): (Vec<_>, Vec<_>) = case
+                .curves(&closest.baseline.structure, &closest.baseline.all)
+                .into_iter()
+                .unzip();
+            {
+                let _ = (&events, &curves);
+                None::<super::outcome::Unexplained>
+            }
+        })
+        .flatten();
+    Diagnosis {
+        site: case.site.name.clone(),
+        structure: structure.names(),
+        status: round.decision.status,
+        summary: summary(round, &answer_set),
+        reasons: round.decision.reasons.clone(),
+        events: case.events(),
+        baseline: case.errors(structure, fit).unwrap_or_default(),
+        noise_floor: ERROR_TO_NOISE_FLOOR,
+        segments: pooled(&failures),
+        failures,
+        candidates,
+        answer_set,
+        untestable: trials().filter_map(|t| untestable(round, t)).collect(),
+        unexplained,
+        cost: DiagnosisCost {
+            simulations: trials()
+                .filter_map(|t| t.fit())
+                .map(|f| f.evaluations)
+                .sum(),
+            refits: trials().filter(|t| t.refit.is_some()).count() as u64,
+            seconds: 0.0,
+        },
+    }
+}
+
+fn summary(round: &Round, answer: &[String]) -> String {
+    let rivals = match answer {
+        [] | [_] => String::new(),
+        [_, others @ ..] => format!(
+            " (these events do not separate it from {})",
+            others.join(", ")
+        ),
+    };
+    let first = answer.first().map_or("", String::as_str);
+    match round.decision.status {
+        Status::Adequate => {
+            "The model follows these events: nothing is missing that they could show.".to_owned()
+        }
+        Status::MissingEffect => match round.decision.second {
+            None => format!("The model lacks {first}{rivals}."),
+            Some(second) => format!("The model lacks {first}{rivals}, and besides it {second}."),
+        },
+        Status::InstrumentSuspect => {
+            format!("The instrument, not the load, explains what is left: {first}{rivals}.")
+        }
+        Status::UnknownEffect => {
+            "Something is missing that no effect of the catalogue describes.".to_owned()
+        }
+        Status::CannotJudge => "These events do not allow a judgement.".to_owned(),
+    }
+}
+
+fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
+    let answer = &round.decision.answer;
+    let mut order: Vec<usize> = answer.clone();
+    order.extend((0..round.trials.len()).filter(|i| !answer.contains(i)));
+    let best_gain = round
+        .trials
+        .iter()
+        .map(|t| -t.delta_bic())
+        .filter(|g| g.is_finite())
+        .fold(0.0, f64::max);
+    let listed = order.into_iter().map(|i| (i, &round.trials[i]));
+    let candidate = |(place, trial): (usize, &Trial)| {
+        let evidence = trial.evidence.as_ref();
+        let gate = evidence.and_then(|e| e.gate);
+        let declared = answer.contains(&place);
+        let refused = match evidence {
+            _ if declared => Vec::new(),
+            None => vec!["the linear screen finds too little of it in the residuals".to_owned()],
+            Some(e) => objections(e, &case.options.claim),
+        };
+        let grouped = declared && answer.len() > 1;
+        let names = || {
+            answer
+                .iter()
+                .map(|&i| round.trials[i].name().to_owned())
+                .collect()
+        };
+        let group = if grouped {
+            names()
+        } else {
+            vec![trial.name().to_owned()]
+        };
+        Candidate {
+            effect: trial.name().to_owned(),
+            kind: trial.declaration.kind,
+            score_share: trial.score_share,
+            visibility: trial.score.visibility,
+            delta_bic: evidence.map(|e| e.delta_bic),
+            held_out_error_before: gate.map(|g| g.before.sqrt()),
+            held_out_error_after: gate.map(|g| g.after.sqrt()),
+            share_of_best_gain: evidence
+                .map(|e| (-e.delta_bic / best_gain).clamp(0.0, 1.0))
+                .filter(|s| s.is_finite()),
+            would_separate: if grouped {
+                trial.declaration.needs.separating_event.to_owned()
+            } else {
+                String::new()
+            },
+            group,
+            parameters: trial
+                .fit()
+                .map(|fit| composed_parameters(fit, trial.name()))
+                .unwrap_or_default(),
+            declared,
+            refused,
+        }
+    };
+    listed.map(candidate).collect()
+}
+
+/// The smallest amplitude that would have shown, where that is more than what would be worth
+/// reporting.
+fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
+    let parameter = trial
+        .declaration
+        .parameters
+        .iter()
+        .find(|p| p.is_amplitude())?;
+    let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) =
+        parameter.role
+    else {
+        return None;
+    };
+    let misfit = round.base().chi_square().max(1.0).sqrt();
+    let detectable = DETECTABLE_ERRORS * misfit * trial.score.amplitude_error;
+    let found = trial.fit().is_some_and(|fit| {
+        let (value, least) = amplitude(trial.declaration, fit);
+        value > least && trial.delta_bic() < 0.0
+    });
+    (detectable > meaningful && !found).then(|| Untestable {
+        effect: trial.name().to_owned(),
+        smallest_detectable_amplitude: detectable,
+        meaningful_amplitude: meaningful,
+        amplitude: parameter.name.to_owned(),
+        unit: parameter.unit.to_owned(),
+        needs: trial.declaration.needs.separating_event.to_owned(),
+    })
+}

@@ -1,0 +1,120 @@
+//! Which events are fitted, which decide, and which stay untouched.
+
+use super::options::EventSplit;
+
+/// From this many events on, some stay untouched.
+const UNTOUCHED_FROM: usize = 8;
+/// Share of the events that stay untouched from there on.
+const UNTOUCHED_SHARE: f64 = 0.2;
+/// Share of the events that decide.
+const GATE_SHARE: f64 = 0.27;
+
+/// What an event is used for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Use {
+    Fit,
+    Gate,
+    Untouched,
+}
+
+/// The use of each event. `events` are `(name, lowest voltage)`.
+///
+/// By default the events are ordered by depth and both held-out sets are spread evenly over the
+/// order, without its deepest event: what happens only there cannot be learnt from the others.
+pub(super) fn uses(events: &[(&str, f64)], split: &EventSplit) -> Vec<Use> {
+    match split {
+        EventSplit::Named { gate, untouched } => {
+            let among = |names: &[String], name: &str| names.iter().any(|n| n == name);
+            let of = |name: &str| {
+                if among(untouched, name) {
+                    Use::Untouched
+                } else if among(gate, name) {
+                    Use::Gate
+                } else {
+                    Use::Fit
+                }
+            };
+            events.iter().map(|(name, _)| of(name)).collect()
+        }
+        EventSplit::Balanced => balanced(events),
+    }
+}
+
+fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
+    let count = events.len();
+    let mut uses = vec![Use::Fit; count];
+    if count < 2 {
+        return uses;
+    }
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| {
+        let deeper = events[a].1.total_cmp(&events[b].1);
+        deeper.then_with(|| events[a].0.cmp(events[b].0))
+    });
+    let untouched = if count < UNTOUCHED_FROM {
+        0
+    } else {
+        rounded(count as f64 * UNTOUCHED_SHARE)
+    };
+    let gate = rounded(count as f64 * GATE_SHARE).clamp(1, count - 1 - untouched);
+    let held = gate + untouched;
+    // Place k of the held-out events lies in the middle of the k-th of equal parts of the order.
+    for k in 0..held {
+        let place = 1 + (2 * k + 1) * (count - 1) / (2 * held);
+        let interleaved = untouched > 0 && (k + 1) * untouched / held > k * untouched / held;
+        uses[order[place]] = if interleaved {
+            Use::Untouched
+        } else {
+            Use::Gate
+        };
+    }
+    uses
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a share of a number of events"
+)]
+fn rounded(value: f64) -> usize {
+    value.round() as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn counted(count: usize) -> [usize; 3] {
+        let names: Vec<String> = (0..count).map(|i| format!("event_{i:02}")).collect();
+        let depth = |i: usize| 0.4 + 0.5 * i as f64 / count as f64;
+        let events: Vec<(&str, f64)> = names
+            .iter()
+            .enumerate()
+            .map(|(i, n)| (n.as_str(), depth(i)))
+            .collect();
+        let uses = uses(&events, &EventSplit::Balanced);
+        assert_eq!(uses[0], Use::Fit, "the deepest of {count} is fitted");
+        [Use::Fit, Use::Gate, Use::Untouched].map(|u| uses.iter().filter(|x| **x == u).count())
+    }
+
+    #[test]
+    fn every_number_of_events_has_its_sets() {
+        assert_eq!(counted(1), [1, 0, 0]);
+        assert_eq!(counted(2), [1, 1, 0]);
+        assert_eq!(counted(4), [3, 1, 0]);
+        assert_eq!(counted(7), [5, 2, 0]);
+        assert_eq!(counted(8), [4, 2, 2]);
+        assert_eq!(counted(11), [6, 3, 2]);
+        assert_eq!(counted(50), [26, 14, 10]);
+    }
+
+    #[test]
+    fn named_events_keep_their_use() {
+        let events = [("a", 0.5), ("b", 0.6), ("c", 0.7)];
+        let split = EventSplit::Named {
+            gate: vec!["a".to_owned()],
+            untouched: vec!["c".to_owned()],
+        };
+        assert_eq!(uses(&events, &split), [Use::Gate, Use::Fit, Use::Untouched]);
+    }
+}

@@ -1,0 +1,99 @@
+//! Settings of a diagnosis, and its progress.
+
+use crate::identification::{IdentificationOptions, composed::ComposedFitOptions};
+
+/// Settings of a diagnosis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DiagnosisOptions {
+    /// Preparation, search and validation; its split is not used.
+    pub identification: IdentificationOptions,
+    /// Events by use; default: chosen by depth.
+    pub split: EventSplit,
+    /// Fits of structures with effects.
+    pub composed: ComposedFitOptions,
+    /// How many candidates of the screen are refitted. Default 8; at least 1.
+    pub refits_max: usize,
+    /// What may be claimed.
+    pub claim: ClaimOptions,
+    /// Effects that are not tried, by name.
+    pub excluded: Vec<String>,
+}
+
+/// Which events serve for what.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum EventSplit {
+    /// By depth: from eight events on a quarter gates and a fifth is untouched.
+    #[default]
+    Balanced,
+    /// Exactly these; what is not named is fitted.
+    Named {
+        /// Held out to decide.
+        gate: Vec<String>,
+        /// Untouched.
+        untouched: Vec<String>,
+    },
+}
+
+/// What may be claimed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ClaimOptions {
+    /// A claim lowers the Bayesian information criterion by at least this much.
+    pub delta_bic_min: f64,
+    /// A claim lowers the weighted squares of the held-out events by at least this share.
+    pub held_out_fall_min: f64,
+    /// A claim lowers those of all fitted events by at least this share.
+    pub fall_min: f64,
+    /// A rival within this share of the best gain (and within `delta_bic_near`) is in the answer set.
+    pub rival_share: f64,
+    /// The same in units of the criterion.
+    pub delta_bic_near: f64,
+    /// Weighted squares per row of a perfect model: what is below twice this is adequate.
+    pub floor: f64,
+    /// An effect is named where it brings the fit below this many times the floor.
+    pub reached_floors: f64,
+    /// ... or where it leaves at most this share of what was above the floor.
+    pub left_share: f64,
+}
+
+impl Default for ClaimOptions {
+    fn default() -> Self {
+        Self {
+            delta_bic_min: 30.0,
+            held_out_fall_min: 0.10,
+            fall_min: 0.05,
+            rival_share: 0.05,
+            delta_bic_near: 10.0,
+            floor: 1.2,
+            reached_floors: 3.0,
+            left_share: 0.03,
+        }
+    }
+}
+
+impl Default for DiagnosisOptions {
+    fn default() -> Self {
+        let mut identification = IdentificationOptions::default();
+        // The plain model only has to be the start of others: one tier is enough.
+        identification.search.trust_tech.tiers_max = 1;
+        identification.search.trust_tech.evaluations_max = 800;
+        Self {
+            identification,
+            split: EventSplit::default(),
+            composed: ComposedFitOptions::default(),
+            refits_max: 8,
+            claim: ClaimOptions::default(),
+            excluded: Vec::new(),
+        }
+    }
+}
+
+/// How far a diagnosis is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Progress {
+    /// What is being done, in words.
+    pub what: String,
+    /// Steps done.
+    pub done: usize,
+    /// Steps of this round as far as they are known.
+    pub of: usize,
+}

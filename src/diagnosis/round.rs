@@ -1,0 +1,270 @@
+//! One round: a structure fitted, its companions, every effect tried on it, and the decision.
+
+use super::{
+    case::Case,
+    claim::{answer_set, objections, reaches},
+    outcome::Status,
+    trials::{Fitted, Trial, addable, trials},
+};
+use crate::{
+    identification::{IdentificationError, composed::Baseline},
+    load_model::effect::Kind,
+};
+
+/// Part of every motor: left out of the model it makes other effects look missing, so that every
+/// trial has it. It is itself reported only when nothing else is.
+const COMPANION: &str = "stator_resistance";
+/// A companion is kept when it lowers the criterion by this much.
+const COMPANION_DELTA_BIC: f64 = -10.0;
+/// Firsts from which a pair is sought where one effect does not reach the floor.
+const FIRSTS: usize = 2;
+
+/// What a round found.
+pub(super) struct Round {
+    /// The structure as asked.
+    pub(super) asked: Fitted,
+    /// The structure that the trials were added to, where a companion came with it.
+    pub(super) accompanied: Option<Fitted>,
+    /// Best first.
+    pub(super) trials: Vec<Trial>,
+    pub(super) decision: Decision,
+}
+
+/// What a round decided.
+pub(super) struct Decision {
+    pub(super) status: Status,
+    /// Places in the list of trials of the answer set, best first.
+    pub(super) answer: Vec<usize>,
+    /// Reasons with their figures.
+    pub(super) reasons: Vec<String>,
+    /// A second effect that the best one needs beside it to reach the floor.
+    pub(super) second: Option<&'static str>,
+}
+
+impl Round {
+    /// What the trials were added to.
+    pub(super) fn base(&self) -> &Fitted {
+        self.accompanied.as_ref().unwrap_or(&self.asked)
+    }
+}
+
+/// Tries every effect on a fitted structure and decides.
+pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, IdentificationError> {
+    let asked = Fitted::new(case, asked);
+    let companion = companion(case, &asked.baseline)?;
+    let accompanied = companion.map(|baseline| Fitted::new(case, baseline));
+    let base = accompanied.as_ref().unwrap_or(&asked);
+    let names = addable(&base.baseline.structure, case.options);
+    let mut list = trials(case, base, &names)?;
+    let mut decision = decide(case, base, &list)?;
+    if let Some(with) = &accompanied
+        && decision.answer.is_empty()
+    {
+        // Nothing else is missing: the companion speaks for itself.
+        let own = trials(case, &asked, &[COMPANION])?;
+        let place = list.len();
+        list.extend(own);
+        if let Some(evidence) = list.get(place).and_then(|t| t.evidence.as_ref()) {
+            let against = objections(evidence, &case.options.claim);
+            if against.is_empty() {
+                decision = companion_decision(case, with, decision, place);
+            }
+        }
+    }
+    Ok(Round {
+        asked,
+        accompanied,
+        trials: list,
+        decision,
+    })
+}
+
+fn companion(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, IdentificationError> {
+    let excluded = case.options.excluded.iter().any(|x| x == COMPANION);
+    if excluded || base.structure.with(COMPANION).is_err() {
+        return Ok(None);
+    }
+    case.watcher
+        .says("fitting the stator resistance".to_owned(), 0, 1);
+    let with = base.with(
+        &case.judged,
+        COMPANION,
+        &case.options.composed,
+        case.watcher.cancel,
+    )?;
+    case.watcher.check()?;
+    let gain = |with: &Baseline| with.all.bayesian_information() - base.all.bayesian_information();
+    Ok(with.filter(|w| gain(w) < COMPANION_DELTA_BIC))
+}
+
+fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, IdentificationError> {
+    let options = &case.options.claim;
+    let refitted: Vec<(usize, &Trial)> = list
+        .iter()
+        .enumerate()
+        .filter(|(_, t)| t.evidence.is_some())
+        .collect();
+    let judged: Vec<_> = refitted
+        .iter()
+        .filter_map(|(_, t)| {
+            let evidence = t.evidence.clone()?;
+            let allowed = objections(&evidence, options).is_empty();
+            Some((evidence, allowed))
+        })
+        .collect();
+    let answer: Vec<usize> = answer_set(&judged, options)
+        .iter()
+        .map(|&i| refitted[i].0)
+        .collect();
+    let Some(&best) = answer.first() else {
+        return Ok(nothing_declared(case, base));
+    };
+    let trial = &list[best];
+    let Some(evidence) = &trial.evidence else {
+        return Ok(nothing_declared(case, base));
+    };
+    let found = format!(
+        "with {} the misfit of the fitted events falls from {:.2} to {:.2} per sample",
+        trial.name(),
+        evidence.chi_square_before,
+        evidence.chi_square_after
+    );
+    let status = match trial.declaration.kind {
+        Kind::Physics => Status::MissingEffect,
+        Kind::Instrument => Status::InstrumentSuspect,
+    };
+    if reaches(evidence, options) {
+        return Ok(Decision {
+            status,
+            answer,
+            reasons: vec![found],
+            second: None,
+        });
+    }
+    match pair(case, list, &answer)? {
+        Some(pair) => {
+            let reason = format!(
+                "{} alone leaves more than the noise; together with {} the misfit is {:.2} per sample",
+                list[pair.first].name(),
+                pair.second,
+                pair.chi_square
+            );
+            let mut answer = answer;
+            answer.retain(|i| *i != pair.first);
+            answer.insert(0, pair.first);
+            answer.truncate(1.max(answer.len().min(2)));
+            Ok(Decision {
+                status,
+                answer,
+                reasons: vec![found, reason],
+                second: Some(pair.second),
+            })
+        }
+        None => Ok(Decision {
+            status: Status::UnknownEffect,
+            answer: Vec::new(),
+            reasons: vec![
+                found,
+                format!(
+                    "that is still {:.1} times what the noise leaves, and no second effect of the catalogue brings it there",
+                    evidence.chi_square_after / options.floor
+                ),
+            ],
+            second: None,
+        }),
+    }
+}
+
+/// Two effects that together explain what one does not.
+struct Pair {
+    first: usize,
+    second: &'static str,
+    chi_square: f64,
+}
+
+fn pair(
+    case: &Case<'_>,
+    list: &[Trial],
+    answer: &[usize],
+) -> Result<Option<Pair>, IdentificationError> {
+    let options = &case.options.claim;
+    let mut firsts: Vec<usize> = answer.to_vec();
+    firsts.extend((0..list.len()).filter(|i| !answer.contains(i) && list[*i].refit.is_some()));
+    let mut best: Option<(f64, Pair)> = None;
+    for first in firsts.into_iter().take(FIRSTS) {
+        let Some(baseline) = list[first].refit.clone() else {
+            continue;
+        };
+        let base = Fitted::new(case, baseline);
+        let names = addable(&base.baseline.structure, case.options);
+        let seconds = trials(case, &base, &names)?;
+        let found = seconds.iter().find(|t| {
+            t.evidence
+                .as_ref()
+                .is_some_and(|e| objections(e, options).is_empty() && reaches(e, options))
+        });
+        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit()?))) else {
+            continue;
+        };
+        let criterion = fit.bayesian_information();
+        if best.as_ref().is_none_or(|(known, _)| criterion < *known) {
+            let pair = Pair {
+                first,
+                second: second.name(),
+                chi_square: fit.chi_square_per_row(),
+            };
+            best = Some((criterion, pair));
+        }
+    }
+    Ok(best.map(|(_, pair)| pair))
+}
+
+fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
+    let options = &case.options.claim;
+    let chi_square = base.chi_square();
+    let (status, reason) = if case.judged.len() < 2 {
+        (
+            Status::CannotJudge,
+            "one event cannot show whether a model of it holds for others".to_owned(),
+        )
+    } else if chi_square < 2.0 * options.floor {
+        (
+            Status::Adequate,
+            format!(
+                "the misfit is {chi_square:.2} per sample, where the noise alone leaves about {:.1}",
+                options.floor
+            ),
+        )
+    } else {
+        (
+            Status::UnknownEffect,
+            format!(
+                "the misfit is {chi_square:.2} per sample, {:.1} times what the noise leaves, and no effect of the catalogue explains it",
+                chi_square / options.floor
+            ),
+        )
+    };
+    Decision {
+        status,
+        answer: Vec::new(),
+        reasons: vec![reason],
+        second: None,
+    }
+}
+
+fn companion_decision(case: &Case<'_>, with: &Fitted, before: Decision, place: usize) -> Decision {
+    let chi_square = with.chi_square();
+    let enough = chi_square < 2.0 * case.options.claim.floor;
+    let mut reasons = vec![format!(
+        "with {COMPANION} the misfit is {chi_square:.2} per sample"
+    )];
+    if !enough {
+        reasons.extend(before.reasons);
+    }
+    Decision {
+        status: Status::MissingEffect,
+        answer: vec![place],
+        reasons,
+        second: None,
+    }
+}
