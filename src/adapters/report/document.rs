@@ -1,22 +1,20 @@
 //! The page: head with the verdict in words, then tables, then figures.
 
 use jiff::Timestamp;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use super::{
     event::{self, Power},
-    figure::{Figure, Ink, ReportError},
+    figure::{Ink, ReportError},
     number::{fixed, short, significant},
-    overview, sentence, tables,
+    overview, page,
+    page::{drawn, legend, percent, tile, to_noise},
+    sentence, tables,
 };
 use crate::identification::{
-    Comparison, Cost, DirectionRecord, ErrorSummary, ParameterSet, Solution, Verdict, VerdictStatus,
+    Comparison, Cost, DirectionRecord, ParameterSet, Solution, Verdict, VerdictStatus,
 };
 
-const STYLE: &str = include_str!("report.css");
-/// Nothing may be loaded from anywhere; the page needs its own style only.
-const CONTENT_SECURITY_POLICY: &str =
-    "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'";
 /// Derived quantities so named are of interest to whoever examines the search.
 const COORDINATE_PREFIX: &str = "coordinate_";
 const VOLTAGE_BINS: usize = 12;
@@ -71,37 +69,23 @@ impl<'a> Rival<'a> {
 /// [`ReportError::Drawing`] when a figure cannot be drawn.
 pub fn render(report: &Report<'_>) -> Result<String, ReportError> {
     let set = report.set;
-    let page = html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                meta name="color-scheme" content="light dark";
-                meta http-equiv="Content-Security-Policy" content=(CONTENT_SECURITY_POLICY);
-                title { "Load model of " (set.site) ": model against measurement" }
-                style { (PreEscaped(STYLE)) }
+    let body = html! {
+        (head(report))
+        section {
+            h2 { "Errors" }
+            (tables::errors(set, report.comparisons, report.rival.as_ref()))
+            @if !report.left_out.is_empty() {
+                p { "Left out:" }
+                ul { @for (event, reason) in report.left_out { li { strong { (event) } ": " (reason) } } }
             }
-            body { main {
-                (head(report))
-                section {
-                    h2 { "Errors" }
-                    (tables::errors(set, report.comparisons, report.rival.as_ref()))
-                    @if !report.left_out.is_empty() {
-                        p { "Left out:" }
-                        ul { @for (event, reason) in report.left_out { li { strong { (event) } ": " (reason) } } }
-                    }
-                }
-                (parameters(report))
-                (overview(report)?)
-                (events(report)?)
-                @if let Some(search) = &report.search { (search_section(search)) }
-                footer { p { "Made by loadmodeld " (set.software_version) ". Load convention, positive sequence, \
-                              per unit on the bases above; errors as defined in the manual." } }
-            } }
         }
+        (parameters(report))
+        (overview(report)?)
+        (events(report)?)
+        @if let Some(search) = &report.search { (search_section(search)) }
     };
-    Ok(page.into_string())
+    let title = format!("Load model of {}: model against measurement", set.site);
+    Ok(page::page(&title, &body, &set.software_version))
 }
 
 fn head(report: &Report<'_>) -> Markup {
@@ -170,27 +154,6 @@ fn verdict(verdict: &Verdict) -> Markup {
     }
 }
 
-fn tile(term: &str, value: &Markup) -> Markup {
-    html! { div { dt { (term) } dd { (value) } } }
-}
-
-fn percent(summary: Option<&ErrorSummary>, of: impl Fn(&ErrorSummary) -> f64) -> Markup {
-    html! { @match summary {
-        Some(summary) => { (significant(of(summary), 3)) " %" }
-        None => { "none" }
-    } }
-}
-
-fn to_noise(summary: Option<&ErrorSummary>) -> Markup {
-    html! { @match summary {
-        Some(summary) => {
-            (significant(summary.error_to_noise, 3))
-            small { " off edges " (significant(summary.error_to_noise_away_from_edges, 3)) }
-        }
-        None => { "none" }
-    } }
-}
-
 fn parameters(report: &Report<'_>) -> Markup {
     let (set, rival) = (report.set, report.rival.as_ref());
     let beside = rival.map(|rival| (rival.label, rival.set.parameters.as_slice()));
@@ -253,15 +216,6 @@ fn overview(report: &Report<'_>) -> Result<Markup, ReportError> {
             }
         }
     })
-}
-
-fn drawn(figure: &Figure) -> Result<Markup, ReportError> {
-    let svg = figure.markup()?;
-    Ok(html! { div.scroll.plot tabindex="0" role="region" aria-label=(figure.title) { (svg) } })
-}
-
-fn legend(kind: &str, ink: Ink, text: &str) -> Markup {
-    html! { li { span class={ "key " (kind) } style={ "--key: " (ink.variable()) } aria-hidden="true" {} (text) } }
 }
 
 fn events(report: &Report<'_>) -> Result<Markup, ReportError> {

@@ -134,6 +134,7 @@ fn figure(
         width_px: FIGURE_WIDTH_PX,
         horizontal: span,
         horizontal_title: "time from onset, s".to_owned(),
+        counts: false,
         panels,
     }
 }

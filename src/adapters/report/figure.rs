@@ -7,9 +7,10 @@ use maud::{Markup, PreEscaped, html};
 use plotters::{
     coord::{Shift, types::RangedCoordf64},
     prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
 };
 
-use super::number;
+use super::{labels, number};
 
 /// The SVG back end has whole-number coordinates; drawing larger and letting the view box scale it
 /// down keeps curves smooth. Chosen: a quarter of a CSS pixel is below what a screen shows.
@@ -44,13 +45,17 @@ pub(super) enum Ink {
     Edge,
     Onset,
     Unused,
+    During,
+    Early,
+    Late,
+    After,
     Axis,
     Grid,
     Text,
 }
 
 impl Ink {
-    const ALL: [Self; 10] = [
+    const ALL: [Self; 14] = [
         Self::Measured,
         Self::Model,
         Self::Rival,
@@ -58,6 +63,10 @@ impl Ink {
         Self::Edge,
         Self::Onset,
         Self::Unused,
+        Self::During,
+        Self::Early,
+        Self::Late,
+        Self::After,
         Self::Axis,
         Self::Grid,
         Self::Text,
@@ -73,6 +82,10 @@ impl Ink {
             Self::Edge => "var(--edge)",
             Self::Onset => "var(--onset)",
             Self::Unused => "var(--unused)",
+            Self::During => "var(--during)",
+            Self::Early => "var(--early)",
+            Self::Late => "var(--late)",
+            Self::After => "var(--after)",
             Self::Axis => "var(--axis)",
             Self::Grid => "var(--grid)",
             Self::Text => "var(--ink)",
@@ -80,7 +93,8 @@ impl Ink {
     }
 
     /// The colour plotters draws with; the style sheet replaces it. Curves: Okabe and Ito's
-    /// palette, told apart with every common colour vision.
+    /// palette, told apart with every common colour vision. Segments of a window: viridis, which
+    /// runs from dark to light as time does.
     const fn rgb(self) -> RGBColor {
         match self {
             Self::Measured => RGBColor(0x00, 0x72, 0xB2),
@@ -90,6 +104,10 @@ impl Ink {
             Self::Edge => RGBColor(0xF0, 0xE4, 0x42),
             Self::Onset => RGBColor(0xCC, 0x79, 0xA7),
             Self::Unused => RGBColor(0x59, 0x59, 0x59),
+            Self::During => RGBColor(0x44, 0x01, 0x54),
+            Self::Early => RGBColor(0x31, 0x68, 0x8E),
+            Self::Late => RGBColor(0x2A, 0x9D, 0x6A),
+            Self::After => RGBColor(0xB8, 0xA4, 0x00),
             Self::Axis => RGBColor(0x80, 0x80, 0x80),
             Self::Grid => RGBColor(0xE0, 0xE0, 0xE0),
             Self::Text => RGBColor(0x1A, 0x1A, 0x1A),
@@ -127,25 +145,15 @@ pub(super) enum Mark {
         ink: Ink,
     },
     /// A strip over the panel's whole height.
-    Strip {
-        from: f64,
-        to: f64,
-        ink: Ink,
-    },
+    Strip { from: f64, to: f64, ink: Ink },
+    /// The same, fainter: what lies behind everything.
+    Shade { from: f64, to: f64, ink: Ink },
     /// A line over the panel's whole height.
-    Upright {
-        at: f64,
-        ink: Ink,
-    },
+    Upright { at: f64, ink: Ink },
     /// A line over the panel's whole width.
-    Level {
-        at: f64,
-        ink: Ink,
-    },
-    Label {
-        at: (f64, f64),
-        text: String,
-    },
+    Level { at: f64, ink: Ink },
+    /// Names the point `at`; goes beside it to where it covers nothing.
+    Label { at: (f64, f64), text: String },
 }
 
 /// One panel of a figure.
@@ -169,6 +177,8 @@ pub(super) struct Figure {
     pub(super) width_px: u32,
     pub(super) horizontal: (f64, f64),
     pub(super) horizontal_title: String,
+    /// Whether the horizontal axis counts: its ticks are whole numbers.
+    pub(super) counts: bool,
     pub(super) panels: Vec<Panel>,
 }
 
@@ -280,7 +290,11 @@ impl Figure {
             } else {
                 ""
             })
-            .x_label_formatter(&|x| number::fixed(*x, horizontal_decimals))
+            .x_label_formatter(&|x| match self.counts {
+                true if (x - x.round()).abs() > 1e-9 => String::new(),
+                true => number::fixed(*x, 0),
+                false => number::fixed(*x, horizontal_decimals),
+            })
             .y_label_formatter(&|y| {
                 if panel.logarithmic {
                     number::significant(10_f64.powf(*y), 2)
@@ -292,6 +306,55 @@ impl Figure {
         for mark in panel.marks.iter().filter(|mark| !mark.lies_behind()) {
             draw_mark(&mut chart, mark, (self.horizontal, panel.vertical))?;
         }
+        self.draw_labels(&mut chart, panel)
+    }
+
+    /// Labels last, so that nothing is drawn over them.
+    fn draw_labels(
+        &self,
+        chart: &mut Chart<'_, '_>,
+        panel: &Panel,
+    ) -> Result<(), DrawingAreaErrorKind<io::Error>> {
+        let (left, right) = self.horizontal;
+        let (bottom, top) = panel.vertical;
+        let width = f64::from(self.width_px - VALUE_AXIS_PX - RIGHT_MARGIN_PX);
+        let height = f64::from(panel.height_px);
+        let to_px = |(x, y): (f64, f64)| {
+            let across = (x - left) / (right - left);
+            (across * width, (top - y) / (top - bottom) * height)
+        };
+        let from_px = |(x, y): (f64, f64)| {
+            let across = left + x / width * (right - left);
+            (across, top - y / height * (top - bottom))
+        };
+        let labels: Vec<((f64, f64), &str)> = (panel.marks.iter())
+            .filter_map(|mark| match mark {
+                Mark::Label { at, text } if at.0.is_finite() && at.1.is_finite() => {
+                    Some((to_px(*at), text.as_str()))
+                }
+                _ => None,
+            })
+            .collect();
+        let marks: Vec<(f64, f64)> = (panel.marks.iter())
+            .flat_map(|mark| match mark {
+                Mark::Points { points, .. } if !labels.is_empty() => points.as_slice(),
+                _ => &[],
+            })
+            .map(|point| to_px(*point))
+            .collect();
+        for (placed, (_, text)) in labels::place(&labels, &marks, (width, height))
+            .into_iter()
+            .zip(&labels)
+        {
+            if let Some(leader) = placed.leader {
+                let style = Ink::Axis.rgb().stroke_width(3);
+                chart.draw_series([PathElement::new(leader.map(from_px).to_vec(), style)])?;
+            }
+            let style =
+                text_style(LABEL_FONT_PX - 2, Ink::Text).pos(Pos::new(HPos::Left, VPos::Center));
+            let at = from_px(placed.at);
+            chart.draw_series([Text::new((*text).to_owned(), at, style)])?;
+        }
         Ok(())
     }
 }
@@ -299,7 +362,10 @@ impl Figure {
 impl Mark {
     /// Whether the mark is drawn before the grid.
     const fn lies_behind(&self) -> bool {
-        matches!(self, Self::Strip { .. } | Self::Band { .. })
+        matches!(
+            self,
+            Self::Strip { .. } | Self::Shade { .. } | Self::Band { .. }
+        )
     }
 }
 
@@ -339,6 +405,10 @@ fn draw_mark(
             let corners = [(from.max(left), bottom), (to.min(right), top)];
             chart.draw_series([Rectangle::new(corners, ink.rgb().mix(0.3).filled())])?;
         }
+        Mark::Shade { from, to, ink } => {
+            let corners = [(from.max(left), bottom), (to.min(right), top)];
+            chart.draw_series([Rectangle::new(corners, ink.rgb().mix(0.15).filled())])?;
+        }
         Mark::Upright { at, ink } => {
             let style = ink.rgb().stroke_width(6);
             chart.draw_series([PathElement::new(vec![(*at, bottom), (*at, top)], style)])?;
@@ -347,10 +417,8 @@ fn draw_mark(
             let style = ink.rgb().stroke_width(4);
             chart.draw_series([PathElement::new(vec![(left, *at), (right, *at)], style)])?;
         }
-        Mark::Label { at, text } => {
-            let style = text_style(LABEL_FONT_PX - 2, Ink::Text);
-            chart.draw_series([Text::new(text.clone(), *at, style)])?;
-        }
+        // Drawn when all of the panel is known.
+        Mark::Label { .. } => {}
     }
     Ok(())
 }
@@ -430,6 +498,7 @@ mod tests {
             width_px: 600,
             horizontal: (0.0, 1.0),
             horizontal_title: "time, s".to_owned(),
+            counts: false,
             panels: vec![Panel {
                 title: "<b>V</b>, pu".to_owned(),
                 height_px: 100,

@@ -6,21 +6,32 @@
 //! data is escaped on its way in.
 
 pub(in crate::adapters) mod decimate;
+mod diagnosis;
+mod diagnosis_tables;
 mod document;
 mod event;
+mod failure_figures;
 mod figure;
+mod improvement;
+mod labels;
 pub(in crate::adapters) mod number;
 mod overview;
+mod page;
 mod profile;
 mod search_figures;
 mod sentence;
+mod staircase;
 mod tables;
 
 #[cfg(test)]
+pub(crate) mod diagnosis_fixture;
+#[cfg(test)]
 pub(crate) mod fixture;
 
+pub use diagnosis::render_diagnosis;
 pub use document::{Report, Rival, Search, render};
 pub use figure::ReportError;
+pub use improvement::render_improvement;
 pub use profile::profile_svg;
 pub use search_figures::{along_directions, tiers};
 pub use tables::role;

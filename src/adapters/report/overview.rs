@@ -31,12 +31,13 @@ pub(super) fn severity_ladder(set: &ParameterSet, comparisons: &[Comparison]) ->
         width_px: WIDTH_PX,
         horizontal,
         horizontal_title: "lowest voltage over voltage before the event".to_owned(),
+        counts: false,
         panels: vec![Panel {
             title: "Residual over noise, event part (1 = noise alone)".to_owned(),
             height_px: 300,
             vertical,
             logarithmic: true,
-            marks: ladder_marks(&rungs, horizontal),
+            marks: ladder_marks(&rungs),
         }],
     }
 }
@@ -63,7 +64,7 @@ impl Rung {
     }
 }
 
-fn ladder_marks(rungs: &[Rung], horizontal: (f64, f64)) -> Vec<Mark> {
+fn ladder_marks(rungs: &[Rung]) -> Vec<Mark> {
     let mut marks = vec![Mark::Level {
         at: 0.0,
         ink: Ink::Onset,
@@ -97,9 +98,8 @@ fn ladder_marks(rungs: &[Rung], horizontal: (f64, f64)) -> Vec<Mark> {
             radius_quarter_px: if rung.held_out { 22 } else { 16 },
         });
         if rung.away.is_finite() {
-            let aside = 0.012 * (horizontal.1 - horizontal.0);
             marks.push(Mark::Label {
-                at: (rung.voltage + aside, rung.away),
+                at: (rung.voltage, rung.away),
                 text: rung.label.clone(),
             });
         }
@@ -128,7 +128,7 @@ fn ladder_description(rungs: &[Rung]) -> String {
 }
 
 /// `event_07` becomes `07`; anything else stays, cut to what fits beside a mark.
-fn short_name(event: &str) -> String {
+pub(super) fn short_name(event: &str) -> String {
     let tail = event.rsplit(['_', '/', '@']).next().unwrap_or(event);
     tail.chars().take(12).collect()
 }
@@ -151,6 +151,7 @@ pub(super) fn residual_against_voltage(id: &str, comparisons: &[&Comparison]) ->
         width_px: WIDTH_PX,
         horizontal,
         horizontal_title: "voltage V, pu".to_owned(),
+        counts: false,
         panels: Power::BOTH
             .into_iter()
             .map(|power| scatter_panel(power, comparisons))
@@ -190,7 +191,7 @@ fn scatter_panel(power: Power, comparisons: &[&Comparison]) -> Panel {
     }
 }
 
-fn thinned_by_voltage(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+pub(super) fn thinned_by_voltage(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let (low, high) = extent(points.iter().map(|(voltage, _)| *voltage));
     let width = (high - low) / SCATTER_BINS as f64;
     let mut kept = Vec::new();
@@ -271,7 +272,7 @@ fn judged(comparison: &Comparison) -> impl Iterator<Item = usize> {
     })
 }
 
-fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
+pub(super) fn extent(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values
         .filter(|value| value.is_finite())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| {

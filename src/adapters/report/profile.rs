@@ -44,6 +44,7 @@ pub fn profile_svg(profile: &Profile) -> Result<String, ReportError> {
         width_px: WIDTH_PX,
         horizontal: (from - margin, to + margin),
         horizontal_title: format!("{} ({}{unit})", profile.name, profile.meaning),
+        counts: false,
         panels: vec![
             Panel {
                 title: "rise of the misfit; lines at 68 and 95 %".to_owned(),

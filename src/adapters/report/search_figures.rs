@@ -5,8 +5,6 @@ use super::figure::{Figure, Ink, Mark, Panel, ReportError, Shape};
 use crate::identification::{DirectionOutcome, DirectionRecord, Solution};
 
 const WIDTH_PX: u32 = 760;
-/// Distance between the left edge of a mark and its label, as a share of the axis.
-const LABEL_SHIFT: f64 = 0.008;
 
 /// The objective along every direction from solution `from`, as an SVG file. Directions of the
 /// quotient gradient system are left out: along them there is an energy instead.
@@ -38,7 +36,7 @@ pub fn along_directions(
                 radius_quarter_px: 18,
             });
             marks.push(Mark::Label {
-                at: (end.0 + LABEL_SHIFT * right, end.1),
+                at: end,
                 text: record.direction.to_string(),
             });
         }
@@ -59,6 +57,7 @@ pub fn along_directions(
         width_px: WIDTH_PX,
         horizontal: (0.0, right),
         horizontal_title: "distance from the solution, in widths of the box".to_owned(),
+        counts: false,
         panels: vec![Panel {
             title: format!(
                 "objective; dot: exit to a new solution, ring: to a known one, cross: no exit \
@@ -113,7 +112,7 @@ pub fn tiers(
             radius_quarter_px: 18,
         });
         marks.push(Mark::Label {
-            at: (at.0 + 0.04, at.1),
+            at,
             text: solution.id.to_string(),
         });
     }
@@ -128,6 +127,7 @@ pub fn tiers(
         width_px: WIDTH_PX,
         horizontal: (-0.3, last + 0.5),
         horizontal_title: "tier".to_owned(),
+        counts: true,
         panels: vec![Panel {
             title: "objective; thick: led to a new solution, thin: to a known one".to_owned(),
             height_px: 300,

@@ -1,7 +1,7 @@
 //! Everything about one event.
 
 use super::{
-    Channel, EventFailure, EventSeries, cross_correlation::cross_correlation,
+    Channel, EventFailure, EventSeries, Segment, cross_correlation::cross_correlation,
     dependence::dependences, segments, sentence::sentence,
 };
 use crate::identification::{evaluate::Curves, intake::PreparedEvent};
@@ -11,10 +11,12 @@ use crate::identification::{evaluate::Curves, intake::PreparedEvent};
 /// `curves` is the model's answer to the event, of the event's length.
 #[must_use]
 pub fn failure(event: &PreparedEvent, curves: &Curves) -> EventFailure {
-    of_series(&event.id, EventSeries::new(event, curves))
+    failure_of_series(&event.id, EventSeries::new(event, curves))
 }
 
-pub(super) fn of_series(event: &str, series: EventSeries) -> EventFailure {
+/// The same from samples that are side by side already.
+#[must_use]
+pub fn failure_of_series(event: &str, series: EventSeries) -> EventFailure {
     let clearing_s = segments::clearing_s(&series);
     let error_to_noise = error_to_noise(&series);
     EventFailure {
@@ -62,4 +64,12 @@ fn largest_frequency_deviation(series: &EventSeries) -> f64 {
             0.0,
             |most: f64, x| if x.abs() > most.abs() { x } else { most },
         )
+}
+
+impl EventFailure {
+    /// The segment of a sample of its series.
+    #[must_use]
+    pub fn segment_of(&self, sample: usize) -> Segment {
+        segments::segment_at(self.series.time_s[sample], self.clearing_s)
+    }
 }

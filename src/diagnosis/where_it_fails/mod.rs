@@ -11,8 +11,10 @@ mod failure;
 mod segments;
 mod sentence;
 mod series;
+#[cfg(test)]
+mod tests;
 
-pub use failure::failure;
+pub use failure::{failure, failure_of_series};
 pub use segments::pooled;
 pub use series::{ChannelSeries, EventSeries};
 

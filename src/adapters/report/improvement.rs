@@ -1,0 +1,154 @@
+//! The report of an improvement: the staircase, before and after on events not fitted, and the last
+//! diagnosis.
+
+use maud::{Markup, html};
+
+use super::{
+    diagnosis, diagnosis_tables,
+    figure::{Ink, ReportError},
+    number::significant,
+    page::{self, drawn, legend, tile},
+    staircase::{change, staircase},
+};
+use crate::diagnosis::{Diagnosis, EventFailure, Improvement};
+
+/// The report of an improvement as one HTML document. The same input gives the same bytes.
+///
+/// # Errors
+///
+/// [`ReportError::Drawing`] when a figure cannot be drawn.
+pub fn render_improvement(
+    improvement: &Improvement,
+    software_version: &str,
+) -> Result<String, ReportError> {
+    let last = &improvement.last;
+    // With a single diagnosis nothing came before it.
+    let before: Option<&[EventFailure]> =
+        (improvement.diagnoses.first()).map(|first| first.failures.as_slice());
+    let body = html! {
+        (head(improvement))
+        (steps(improvement)?)
+        (diagnosis::where_it_fails(last, before)?)
+        (diagnosis::candidates(last, "What is still missing"))
+        (diagnosis::unexplained(last))
+        (diagnosis::untestable(last))
+        (rounds(improvement))
+        (diagnosis::events(last, before)?)
+    };
+    let title = format!("Improvement of {}", improvement.site);
+    Ok(page::page(&title, &body, software_version))
+}
+
+fn head(improvement: &Improvement) -> Markup {
+    let last = &improvement.last;
+    html! {
+        header {
+            p.kicker { "Improvement" }
+            h1 { (improvement.site) }
+            p { "Structure: " strong { (last.structure.join(" + ")) } ". " (diagnosis::sets(last)) }
+            (diagnosis::verdict(last))
+            @if let (Some(first), Some(end)) = (improvement.steps.first(), improvement.steps.last()) {
+                dl.tiles {
+                    @for (name, of) in QUOTED {
+                        (tile(name, &html! {
+                            (significant(of(first), 3)) " → " (significant(of(end), 3))
+                        }))
+                    }
+                    (tile("Noise floor of a perfect model", &html! { (significant(last.noise_floor, 3)) }))
+                    (tile("Parameters", &html! { (first.parameter_count) " → " (end.parameter_count) }))
+                }
+                p.bases { "Errors of the events " (quoted(last)) "." }
+            }
+            (diagnosis::left_out(last))
+        }
+    }
+}
+
+type Figure = fn(&crate::diagnosis::ImprovementStep) -> f64;
+const QUOTED: [(&str, Figure); 3] = [
+    ("Residual over noise", |step| {
+        step.errors.quoted().error_to_noise
+    }),
+    ("ε of P, %", |step| step.errors.quoted().eps_p_percent),
+    ("ε of Q, %", |step| step.errors.quoted().eps_q_percent),
+];
+
+/// Which events the quoted errors come from.
+fn quoted(last: &Diagnosis) -> &'static str {
+    if !last.events.untouched.is_empty() {
+        "that neither the fit nor the gate has seen"
+    } else if !last.events.gate.is_empty() {
+        "held out of the fit"
+    } else {
+        "fitted"
+    }
+}
+
+fn steps(improvement: &Improvement) -> Result<Markup, ReportError> {
+    let figure = staircase(improvement);
+    Ok(html! {
+        section {
+            h2 { "Staircase" }
+            figure {
+                figcaption {
+                    p { "Structure after structure. An added effect is right when the error falls on events that \
+                         the fit has not seen, and the model is complete when it reaches the noise floor." }
+                    ul.legend {
+                        (legend("dot", Ink::Measured, "fitted"))
+                        (legend("ring", Ink::Rival, "gate"))
+                        (legend("triangle", Ink::Model, "untouched"))
+                        (legend("line", Ink::Onset, "noise floor"))
+                    }
+                }
+                (drawn(&figure)?)
+            }
+            (diagnosis_tables::steps(improvement))
+        }
+    })
+}
+
+/// The rivals of every round but the last.
+fn rounds(improvement: &Improvement) -> Markup {
+    html! { @if !improvement.diagnoses.is_empty() {
+        section {
+            h2 { "How it came to this" }
+            @for (index, (round, step)) in improvement.diagnoses.iter().zip(&improvement.steps).enumerate() {
+                details {
+                    summary { "Step " (index) ", " (change(step, index == 0)) ": " (round.summary) }
+                    ul { @for reason in &round.reasons { li { (reason) } } }
+                    @if !round.candidates.is_empty() { (diagnosis_tables::rivals(round)) }
+                }
+            }
+        }
+    } }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::diagnosis_fixture as fixture, *};
+
+    #[test]
+    fn the_staircase_and_both_models_are_in_the_page() {
+        let page = render_improvement(&fixture::improvement(), "0.1.0").unwrap();
+        for words in [
+            "id=\"staircase-title\"",
+            "step 1, + electronic_load_dropout: 1.10",
+            "model before",
+            "6.2 → 1.10",
+            "How it came to this",
+        ] {
+            assert!(page.contains(words), "{words}");
+        }
+        assert!(!page.contains("<script"));
+        assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    }
+
+    #[test]
+    fn an_improvement_that_had_nothing_to_do_is_a_page() {
+        let mut improvement = fixture::improvement();
+        improvement.steps.truncate(1);
+        improvement.diagnoses.clear();
+        let page = render_improvement(&improvement, "0.1.0").unwrap();
+        assert!(!page.contains("model before") && !page.contains("How it came"));
+    }
+}
