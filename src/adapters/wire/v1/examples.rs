@@ -1,6 +1,11 @@
 //! Values for the tests of the wire and of the store.
 
 use crate::{
+    diagnosis::{
+        self, Candidate, CrossCorrelation, Dependence, Diagnosis, DiagnosisCost, EventFailure,
+        EventSets, Improvement, ImprovementStep, Quantity, Segment, SegmentResidual, Status,
+        StructureErrors, Unexplained, UnexplainedTerm, Untestable,
+    },
     disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
     identification::{
         Bases, ChannelVerdict, Comparison, Cost, DirectionOutcome, DirectionRecord, ErrorSummary,
@@ -9,6 +14,7 @@ use crate::{
         scan_comparison::{ScanComparison, ScanMinimum},
         solution::Ended,
     },
+    load_model::effect::Kind,
     measurement::{Channel, Quality, Record, Sample, SampleBatch, Site},
 };
 
@@ -238,14 +244,155 @@ pub(in crate::adapters) fn comparison() -> Comparison {
     }
 }
 
+fn structure_errors() -> StructureErrors {
+    StructureErrors {
+        fit: errors("a"),
+        gate: Some(errors("c")),
+        untouched: None,
+    }
+}
+
+fn segment_residual() -> SegmentResidual {
+    SegmentResidual {
+        segment: Segment::EarlyRecovery,
+        channel: diagnosis::Channel::Active,
+        begin_s: 0.4,
+        end_s: 0.9,
+        samples: 25,
+        mean_pu: 0.041,
+        rms_pu: 0.043,
+        to_noise: 8.0,
+    }
+}
+
+fn event_failure() -> EventFailure {
+    EventFailure {
+        event: "a".to_owned(),
+        sentence: "0.4-0.9 s after the onset P is 4.1 % too high, 8 times the noise".to_owned(),
+        lowest_voltage: 0.75,
+        frequency_deviation: -0.002,
+        error_to_noise: 6.5,
+        segments: vec![segment_residual()],
+        dependences: vec![Dependence {
+            channel: diagnosis::Channel::Active,
+            quantity: Quantity::Voltage,
+            explained: 0.7,
+            bins: vec![(0.75, -0.02, 0.001, 12), (1.0, 0.04, 0.001, 48)],
+        }],
+        cross_correlations: vec![CrossCorrelation {
+            channel: diagnosis::Channel::Active,
+            lags_s: vec![0.0, 0.02],
+            correlation: vec![0.5, 0.4],
+            band: 0.2,
+        }],
+    }
+}
+
+pub(in crate::adapters) fn diagnosis() -> Diagnosis {
+    Diagnosis {
+        site: "site-01".to_owned(),
+        structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
+        status: Status::MissingEffect,
+        summary: "stator_resistance is missing; feeder_impedance is not told from it".to_owned(),
+        reasons: vec!["held-out error to noise falls from 6.5 to 1.1".to_owned()],
+        events: EventSets {
+            fit: vec!["a".to_owned(), "b".to_owned()],
+            gate: vec!["c".to_owned()],
+            untouched: Vec::new(),
+            refused: vec![("d".to_owned(), "no power".to_owned())],
+        },
+        baseline: structure_errors(),
+        noise_floor: 0.85,
+        segments: vec![segment_residual()],
+        failures: vec![event_failure()],
+        candidates: vec![Candidate {
+            effect: "stator_resistance".to_owned(),
+            kind: Kind::Physics,
+            score_share: 0.9,
+            visibility: 0.4,
+            delta_bic: Some(-812.0),
+            held_out_error_before: Some(6.5),
+            held_out_error_after: Some(1.1),
+            share_of_best_gain: Some(1.0),
+            group: ["stator_resistance", "feeder_impedance"]
+                .map(str::to_owned)
+                .to_vec(),
+            would_separate: "an event that opens the feeder".to_owned(),
+            parameters: vec![estimate("stator_resistance.r_s", 0.02)],
+            declared: true,
+            refused: Vec::new(),
+        }],
+        answer_set: ["stator_resistance", "feeder_impedance"]
+            .map(str::to_owned)
+            .to_vec(),
+        untestable: vec![Untestable {
+            effect: "tap_changer".to_owned(),
+            smallest_detectable_amplitude: 0.5,
+            meaningful_amplitude: 0.05,
+            amplitude: "n_lower".to_owned(),
+            unit: "1".to_owned(),
+            needs: "records of 60 s".to_owned(),
+        }],
+        unexplained: Some(Unexplained {
+            signature: "P recovers over 0.4 s after the clearing".to_owned(),
+            terms: vec![UnexplainedTerm {
+                formula: "v - lag(v, 0.4)".to_owned(),
+                channel: "P",
+                coefficient: 0.2,
+                share: 0.6,
+            }],
+            effect_file: None,
+        }),
+        cost: DiagnosisCost {
+            simulations: 900,
+            refits: 6,
+            seconds: 2.5,
+        },
+    }
+}
+
+pub(in crate::adapters) fn improvement() -> Improvement {
+    let first = diagnosis();
+    let step = |structure: &[&str], added: Option<&str>| ImprovementStep {
+        structure: structure.iter().map(|&name| name.to_owned()).collect(),
+        added: added.map(str::to_owned),
+        dropped: Vec::new(),
+        reason: "first in the answer set".to_owned(),
+        errors: structure_errors(),
+        parameter_count: 8,
+        delta_bic: -812.0,
+        set: parameter_set(),
+    };
+    let last = ["zip", "induction_motor", "stator_resistance"];
+    Improvement {
+        site: "site-01".to_owned(),
+        steps: vec![
+            step(&last[..2], None),
+            step(&last, Some("stator_resistance")),
+        ],
+        last: Diagnosis {
+            structure: last.map(str::to_owned).to_vec(),
+            status: Status::Adequate,
+            summary: "nothing is missing".to_owned(),
+            candidates: Vec::new(),
+            answer_set: Vec::new(),
+            unexplained: None,
+            ..first.clone()
+        },
+        diagnoses: vec![first],
+    }
+}
+
 mod documents {
     use std::{env, fs, path::Path};
 
-    use super::{batch, comparison, identification, parameter_set, screening, window};
+    use super::{
+        batch, comparison, diagnosis, identification, improvement, parameter_set, screening, window,
+    };
     use crate::{
         adapters::wire::v1::{
-            ComparisonsV1, EventSummaryV1, IdentificationV1, ParameterSetV1, RecordingFiles,
-            encode_batch_cbor, encode_batch_json, encode_recording,
+            ComparisonsV1, DiagnosisV1, EventSummaryV1, IdentificationV1, ImprovementV1,
+            ParameterSetV1, RecordingFiles, encode_batch_cbor, encode_batch_json, encode_recording,
         },
         identification::ParameterSet,
     };
@@ -283,6 +430,11 @@ mod documents {
                 pretty(&IdentificationV1::new(&identification()).unwrap()),
             ),
             ("comparison.json", pretty(&comparisons)),
+            ("diagnosis.json", pretty(&DiagnosisV1::new(&diagnosis(), 2))),
+            (
+                "improvement.json",
+                pretty(&ImprovementV1::new(&improvement()).unwrap()),
+            ),
         ]
     }
 
@@ -294,7 +446,7 @@ mod documents {
             if env::var_os("UPDATE_DOCS").is_some() {
                 fs::write(&path, &bytes).unwrap();
             }
-            let documented = fs::read(&path).unwrap();
+            let documented = fs::read(&path).unwrap_or_default();
             assert!(documented == bytes, "{name} differs: UPDATE_DOCS=1");
         }
     }

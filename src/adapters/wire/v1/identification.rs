@@ -1,6 +1,6 @@
 //! The document of `identify --json` (design, section 11).
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{
     ParameterSetV1,
@@ -29,7 +29,7 @@ pub struct IdentificationV1 {
 }
 
 /// An event that could not be used.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RefusedV1 {
     /// Event.
     pub event: String,

@@ -7,12 +7,15 @@ mod batch_json;
 mod cbor;
 mod comparison;
 mod decision;
+mod diagnosis;
 mod errors_of_fit;
 mod event;
 #[cfg(test)]
 pub(in crate::adapters) mod examples;
+mod failures;
 mod half;
 mod identification;
+mod improvement;
 mod json;
 mod parameter_set;
 mod profile;
@@ -29,9 +32,15 @@ pub use batch_error::BatchError;
 pub use batch_json::encode_batch_json;
 pub use comparison::{ComparisonV1, ComparisonsV1};
 pub use decision::{DecisionV1, EvidenceV1};
+pub use diagnosis::{
+    CandidateV1, DiagnosisCostV1, DiagnosisV1, EventSetsV1, StructureErrorsV1, UnexplainedTermV1,
+    UnexplainedV1, UntestableV1,
+};
 pub use errors_of_fit::{ErrorSummaryV1, EventErrorsV1};
 pub use event::{EventSummaryV1, ReasonV1, ScreeningV1, encode_event_summary};
-pub use identification::{CostV1, DirectionV1, IdentificationV1, SolutionV1};
+pub use failures::{BinV1, CrossCorrelationV1, DependenceV1, EventFailureV1, SegmentResidualV1};
+pub use identification::{CostV1, DirectionV1, IdentificationV1, RefusedV1, SolutionV1};
+pub use improvement::{ImprovementEndV1, ImprovementStepV1, ImprovementV1};
 pub(in crate::adapters) use json::rfc3339;
 pub use parameter_set::{
     BasesV1, OperatingPointV1, ParameterSetV1, ParameterV1, decode_parameter_set,
