@@ -245,6 +245,7 @@ async fn open_http(
         store: Arc::clone(store),
         metrics: Arc::clone(metrics),
         health: Arc::clone(health),
+        access: http::WriteAccess::read_only(),
         rows_max: settings.http.rows_max,
     });
     let stop = CancellationToken::new();

@@ -12,7 +12,7 @@ use axum::{
 };
 use tokio::net::TcpListener;
 
-use super::{Health, api};
+use super::{Health, WriteAccess, api};
 use crate::{
     adapters::{prometheus, store::Store, web},
     telemetry::Metrics,
@@ -27,6 +27,8 @@ pub struct Context {
     pub metrics: Arc<Metrics>,
     /// Health.
     pub health: Arc<Health>,
+    /// Who may change something.
+    pub access: WriteAccess,
     /// Rows of one answer at most.
     pub rows_max: usize,
 }

@@ -7,8 +7,11 @@ use tokio::sync::Semaphore;
 use super::problem::Problem;
 use crate::{
     adapters::{http::Context, store::Store},
+    diagnosis::{EventFailure, where_it_fails::failure},
     disturbance::Window,
-    identification::{self, Comparison, IdentificationOptions, ParameterSet},
+    identification::{
+        self, Comparison, IdentificationOptions, ParameterSet, evaluate::Curves, intake::prepare,
+    },
     measurement::Site,
 };
 
@@ -25,7 +28,15 @@ pub(super) struct Desk {
     pub(super) context: Arc<Context>,
     pub(super) seats: Semaphore,
     pub(super) listeners: Arc<Semaphore>,
-    comparisons: Mutex<Vec<(Key, Arc<Comparison>)>>,
+    comparisons: Mutex<Vec<(Key, Arc<Judged>)>>,
+}
+
+/// An event with a model beside it, and where the model fails.
+#[derive(Debug)]
+pub(super) struct Judged {
+    pub(super) comparison: Comparison,
+    /// None where the event cannot be judged.
+    pub(super) failure: Option<EventFailure>,
 }
 
 /// Event and content hash of the set.
@@ -60,7 +71,7 @@ impl Desk {
         set: &ParameterSet,
         content_hash: &str,
         window: &Window,
-    ) -> Result<Arc<Comparison>, Problem> {
+    ) -> Result<Arc<Judged>, Problem> {
         let key = (window.id.clone(), content_hash.to_owned());
         if let Some(known) = self.known_comparison(&key) {
             return Ok(known);
@@ -71,25 +82,43 @@ impl Desk {
             .map_err(|error| Problem::bad_request(error.to_string()))?
             .pop()
             .ok_or_else(|| Problem::bad_request("the model cannot be simulated on this event"))?;
-        let comparison = Arc::new(comparison);
+        let failure = failure_of(&comparison, window, &options);
+        let judged = Arc::new(Judged {
+            comparison,
+            failure,
+        });
         let mut kept = self
             .comparisons
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        kept.insert(0, (key, Arc::clone(&comparison)));
+        kept.insert(0, (key, Arc::clone(&judged)));
         kept.truncate(COMPARISONS_MAX);
-        Ok(comparison)
+        Ok(judged)
     }
 
-    fn known_comparison(&self, key: &Key) -> Option<Arc<Comparison>> {
+    fn known_comparison(&self, key: &Key) -> Option<Arc<Judged>> {
         let mut kept = self
             .comparisons
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
         let place = kept.iter().position(|(known, _)| known == key)?;
         let found = kept.remove(place);
-        let comparison = Arc::clone(&found.1);
+        let judged = Arc::clone(&found.1);
         kept.insert(0, found);
-        Some(comparison)
+        Some(judged)
     }
+}
+
+fn failure_of(
+    comparison: &Comparison,
+    window: &Window,
+    options: &IdentificationOptions,
+) -> Option<EventFailure> {
+    let event = prepare(window, &options.intake).ok()?;
+    let over_p0 = |curve: &[f64]| curve.iter().map(|pu| pu / event.p0_pu).collect();
+    let curves = Curves {
+        active: over_p0(&comparison.active_model_pu),
+        reactive: over_p0(&comparison.reactive_model_pu),
+    };
+    Some(failure(&event, &curves))
 }

@@ -104,7 +104,7 @@ pub(super) fn page<P: Page>(page: &P, uri: &Uri) -> Markup {
     };
     let body = html! {
         @if let Some((head, tab)) = page.place() { (site_head(head, tab)) }
-        (page.body())
+        (page.body(&format!("{path}.charts.json{query}")))
     };
     let live = page.place().map(|(head, _)| head.address("updates"));
     document(&page.title(), live.as_deref(), &body, &twins)

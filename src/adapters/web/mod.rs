@@ -13,6 +13,7 @@ mod pages;
 mod plot;
 mod problem;
 mod routes;
+mod session;
 mod updates;
 mod view;
 mod words;

@@ -14,9 +14,9 @@ use axum::{
 use super::{
     assets,
     desk::Desk,
-    pages::{event, events, health, sets, sites, solutions},
+    pages::{compare, event, events, health, sets, sites, solutions},
     problem::Problem,
-    updates,
+    session, updates,
     view::Form,
 };
 use crate::adapters::http::Context;
@@ -34,6 +34,7 @@ pub(in crate::adapters) fn router(context: Arc<Context>) -> Router {
     pages()
         .layer(middleware::from_fn(within_limit))
         .route("/sites/{site}/updates", get(updates::stream))
+        .route("/session", get(session::ask).post(session::open))
         .route("/static/{mark}/{name}", get(assets::serve))
         .fallback(unknown)
         .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
@@ -45,14 +46,11 @@ fn pages() -> Pages {
         .route("/", get(sites::show))
         .route("/sites/{site}", get(site))
         .route("/sites/{site}/events/{event}", get(event::show))
-        .route(
-            "/sites/{site}/events/{event}/charts.json",
-            get(event::charts),
-        )
         .route("/sites/{site}/sets/{version}", get(sets::show_one));
     for (path, page) in [
         ("/sites", get(sites::show)),
         ("/sites/{site}/events", get(events::show)),
+        ("/sites/{site}/compare", get(compare::show)),
         ("/sites/{site}/solutions", get(solutions::show)),
         ("/sites/{site}/sets", get(sets::show)),
         ("/health", get(health::show)),
@@ -64,9 +62,11 @@ fn pages() -> Pages {
 
 /// A page and its twins.
 fn twins(router: Pages, path: &str, page: &MethodRouter<Arc<Desk>>) -> Pages {
-    ["", ".json", ".csv"].iter().fold(router, |router, ending| {
-        router.route(&format!("{path}{ending}"), page.clone())
-    })
+    ["", ".json", ".csv", ".charts.json"]
+        .iter()
+        .fold(router, |router, ending| {
+            router.route(&format!("{path}{ending}"), page.clone())
+        })
 }
 
 /// A site's first page is its events.

@@ -12,6 +12,7 @@ use serde_json::Value;
 use super::{
     desk::Desk,
     layout::{self, SiteHead},
+    plot::{Chart, charts_json},
     problem::Problem,
 };
 
@@ -21,12 +22,16 @@ pub(super) enum Form {
     Html,
     Json,
     Csv,
+    /// What the script draws.
+    Charts,
 }
 
 impl Form {
     /// A path without its ending, and the form that the ending says.
     pub(super) fn of(path: &str) -> (&str, Self) {
-        if let Some(path) = path.strip_suffix(".json") {
+        if let Some(path) = path.strip_suffix(".charts.json") {
+            (path, Self::Charts)
+        } else if let Some(path) = path.strip_suffix(".json") {
             (path, Self::Json)
         } else if let Some(path) = path.strip_suffix(".csv") {
             (path, Self::Csv)
@@ -81,8 +86,12 @@ pub(super) trait Page {
     fn title(&self) -> String;
     /// The site it belongs to and which of its pages it is.
     fn place(&self) -> Option<(&SiteHead, layout::Tab)>;
-    /// What it shows.
-    fn body(&self) -> Markup;
+    /// What it shows; `source` is the address of its charts' numbers.
+    fn body(&self, source: &str) -> Markup;
+    /// Its charts.
+    fn charts(&self) -> Vec<Chart> {
+        Vec::new()
+    }
     /// The same for programs.
     fn json(&self) -> Result<Value, Problem>;
     /// The same as a table.
@@ -114,6 +123,7 @@ fn render<P: Page>(page: &P, uri: &Uri, form: Form) -> Result<Response, Problem>
     Ok(match form {
         Form::Html => Html(layout::page(page, uri).into_string()).into_response(),
         Form::Json => axum::Json(page.json()?).into_response(),
+        Form::Charts => axum::Json(charts_json(&page.charts())).into_response(),
         Form::Csv => {
             let content_type = [(
                 header::CONTENT_TYPE,

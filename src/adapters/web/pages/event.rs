@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::{
     extract::{Path, Query, State},
     http::Uri,
-    response::{IntoResponse, Response},
+    response::Response,
 };
 use serde::Deserialize;
 
@@ -13,11 +13,9 @@ use super::{
     super::{
         desk::Desk,
         layout::SiteHead,
-        plot::charts_json,
         problem::Problem,
         view::{self, Form},
     },
-    event_charts,
     event_view::{Drawn, EventPage},
     models::{self, Model},
 };
@@ -43,35 +41,6 @@ pub(in super::super) async fn show(
 ) -> Response {
     let event = Form::of(&event).0.to_owned();
     view::show(desk, uri, move |desk| load(desk, &site, &event, &asked)).await
-}
-
-/// `/sites/{site}/events/{event}/charts.json`: what the script draws.
-pub(in super::super) async fn charts(
-    State(desk): State<Arc<Desk>>,
-    Path((site, event)): Path<(String, String)>,
-    Query(asked): Query<Asked>,
-) -> Response {
-    let Ok(_permit) = desk.seats.acquire().await else {
-        return Problem::unavailable("the service is stopping").answer(Form::Json);
-    };
-    let work = {
-        let desk = Arc::clone(&desk);
-        move || {
-            let page = load(&desk, &site, &event, &asked)?;
-            let charts = event_charts::charts(&page);
-            serde_json::to_vec(&charts_json(&charts))
-                .map_err(|e| Problem::unreadable("the charts", &e))
-        }
-    };
-    match tokio::task::spawn_blocking(work).await {
-        Ok(Ok(bytes)) => (
-            [(axum::http::header::CONTENT_TYPE, "application/json")],
-            bytes,
-        )
-            .into_response(),
-        Ok(Err(problem)) => problem.answer(Form::Json),
-        Err(_) => Problem::unavailable("the charts were interrupted").answer(Form::Json),
-    }
 }
 
 fn load(desk: &Desk, site: &str, event: &str, asked: &Asked) -> Result<EventPage, Problem> {
@@ -123,6 +92,6 @@ fn load(desk: &Desk, site: &str, event: &str, asked: &Asked) -> Result<EventPage
 }
 
 fn drawn(desk: &Desk, model: Model, window: &Window) -> Result<Drawn, Problem> {
-    let comparison = desk.comparison(&model.set, &model.content_hash, window)?;
-    Ok(Drawn { model, comparison })
+    let judged = desk.comparison(&model.set, &model.content_hash, window)?;
+    Ok(Drawn { model, judged })
 }

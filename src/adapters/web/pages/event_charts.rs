@@ -3,6 +3,7 @@
 use super::{
     super::plot::{Chart, Ink, Mark, Panel, Shape, padded, span_of},
     event_view::{Drawn, EventPage},
+    failure_charts,
 };
 use crate::{disturbance::Window, identification::Comparison, measurement::Sample};
 
@@ -29,7 +30,7 @@ impl Power {
         }
     }
 
-    const fn title(self) -> &'static str {
+    pub(super) const fn title(self) -> &'static str {
         match self {
             Self::Active => "Active power P, pu",
             Self::Reactive => "Reactive power Q, pu",
@@ -43,7 +44,7 @@ impl Power {
         }
     }
 
-    fn measured(self, comparison: &Comparison) -> &[f64] {
+    pub(super) fn measured(self, comparison: &Comparison) -> &[f64] {
         match self {
             Self::Active => &comparison.active_measured_pu,
             Self::Reactive => &comparison.reactive_measured_pu,
@@ -79,6 +80,19 @@ pub(super) fn charts(page: &EventPage) -> Vec<Chart> {
     let mut charts = vec![over_time(page, window)];
     if let Some(model) = &page.model {
         charts.push(against_voltage(model));
+        if let Some(failure) = &model.judged.failure {
+            let rival = page
+                .rival
+                .as_ref()
+                .and_then(|rival| rival.judged.failure.as_ref());
+            charts.push(failure_charts::segments(
+                &failure.segments,
+                rival.map(|f| &f.segments[..]),
+            ));
+            charts.extend(failure_charts::cross_correlation(
+                &failure.cross_correlations,
+            ));
+        }
     }
     charts
 }
@@ -102,7 +116,7 @@ fn over_time(page: &EventPage, window: &Window) -> Chart {
     let x = page
         .model
         .as_ref()
-        .map_or_else(|| time_of(window), |m| m.comparison.time_s.clone());
+        .map_or_else(|| time_of(window), |m| m.comparison().time_s.clone());
     let backdrop = backdrop(page.model.as_ref());
     let input = |title: &str, y: Vec<f64>, least: f64| Panel {
         title: title.to_owned(),
@@ -148,7 +162,7 @@ fn description(page: &EventPage) -> String {
         "Voltage, frequency, active and reactive power over time. Lowest voltage {lowest:.3} per unit."
     );
     page.model.as_ref().map_or(base.clone(), |model| {
-        let errors = &model.comparison.errors;
+        let errors = &model.comparison().errors;
         format!(
             "{base} With the model {} and what is left between them; error of P {:.2} percent, of Q {:.2} percent, {:.1} times the noise.",
             model.model.label, errors.eps_p_percent, errors.eps_q_percent, errors.error_to_noise,
@@ -179,7 +193,7 @@ fn dashed(name: &str, ink: Ink, y: Vec<f64>) -> Mark {
 /// The onset, and strips where samples lie near a voltage edge.
 fn backdrop(model: Option<&Drawn>) -> Vec<Mark> {
     let mut marks = vec![Mark::Upright { at: 0.0 }];
-    let Some(comparison) = model.map(|model| &model.comparison) else {
+    let Some(comparison) = model.map(Drawn::comparison) else {
         return marks;
     };
     let time = &comparison.time_s;
@@ -208,12 +222,12 @@ fn power_panel(page: &EventPage, window: &Window, power: Power, backdrop: &[Mark
     let mut marks = backdrop.to_vec();
     marks.push(line("measured", Ink::Measured, measured));
     if let Some(rival) = &page.rival {
-        let y = power.model(&rival.comparison).to_vec();
+        let y = power.model(rival.comparison()).to_vec();
         span.push(y.clone());
         marks.push(dashed(&rival.model.label, Ink::Rival, y));
     }
     if let Some(model) = &page.model {
-        let y = power.model(&model.comparison).to_vec();
+        let y = power.model(model.comparison()).to_vec();
         span.push(y.clone());
         marks.push(line(&model.model.label, Ink::Model, y));
     }
@@ -227,7 +241,7 @@ fn power_panel(page: &EventPage, window: &Window, power: Power, backdrop: &[Mark
 }
 
 fn residual_panel(model: &Drawn, rival: Option<&Drawn>, power: Power, backdrop: &[Mark]) -> Panel {
-    let comparison = &model.comparison;
+    let comparison = model.comparison();
     let half: Vec<f64> = power
         .noise(comparison)
         .iter()
@@ -245,7 +259,7 @@ fn residual_panel(model: &Drawn, rival: Option<&Drawn>, power: Power, backdrop: 
         high: half,
     });
     if let Some(rival) = rival {
-        let y = power.residual(&rival.comparison);
+        let y = power.residual(rival.comparison());
         span.extend(&y);
         marks.push(dashed(&rival.model.label, Ink::Rival, y));
     }
@@ -261,7 +275,7 @@ fn residual_panel(model: &Drawn, rival: Option<&Drawn>, power: Power, backdrop: 
 
 /// Residuals against voltage: dark early, bright late.
 fn against_voltage(model: &Drawn) -> Chart {
-    let comparison = &model.comparison;
+    let comparison = model.comparison();
     let kept: Vec<usize> = (0..comparison.time_s.len())
         .filter(|&k| comparison.time_s[k] >= 0.0 && comparison.used[k] && !comparison.near_edge[k])
         .collect();

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::{
     super::{
+        desk::Judged,
         layout::{SiteHead, Tab, segment, verdict},
         plot,
         problem::Problem,
@@ -17,7 +18,12 @@ use super::{
     models::{self, Choice, Model},
 };
 use crate::{
-    adapters::{http::EventDocument, report::number, store::WindowSummary, wire::v1::ComparisonV1},
+    adapters::{
+        http::EventDocument,
+        report::number,
+        store::WindowSummary,
+        wire::v1::{ComparisonV1, EventFailureV1},
+    },
     disturbance::Window,
     identification::Comparison,
 };
@@ -26,13 +32,17 @@ use crate::{
 #[derive(Clone, Debug)]
 pub(super) struct Drawn {
     pub(super) model: Model,
-    pub(super) comparison: Arc<Comparison>,
+    pub(super) judged: Arc<Judged>,
 }
 
 impl Drawn {
+    pub(super) fn comparison(&self) -> &Comparison {
+        &self.judged.comparison
+    }
+
     /// How the model knows the event.
     fn role(&self) -> &'static str {
-        let (set, event) = (&self.model.set, &self.comparison.event);
+        let (set, event) = (&self.model.set, &self.comparison().event);
         if set.fitted_events.contains(event) {
             "fitted on it"
         } else if set.held_out_events.contains(event) {
@@ -70,8 +80,7 @@ impl Page for EventPage {
         Some((&self.head, Tab::Events))
     }
 
-    fn body(&self) -> Markup {
-        let source = self.chart_source();
+    fn body(&self, source: &str) -> Markup {
         html! {
             h1 { "Disturbance of " (words::utc(self.summary.onset_ns)) " UTC" }
             (self.facts())
@@ -80,9 +89,18 @@ impl Page for EventPage {
             @if self.window.is_none() {
                 p.problem { "The waveforms of this event are no longer kept; its summary is." }
             }
+            (self.sentences())
             (self.standing())
-            @for chart in event_charts::charts(self) { (plot::figure(&chart, Some(&source))) }
+            @let charts = event_charts::charts(self);
+            @if let Some((first, others)) = charts.split_first() {
+                (plot::figure(first, Some(source)))
+                div.charts { @for chart in others { (plot::figure(chart, Some(source))) } }
+            }
         }
+    }
+
+    fn charts(&self) -> Vec<plot::Chart> {
+        event_charts::charts(self)
     }
 
     fn json(&self) -> Result<Value, Problem> {
@@ -90,7 +108,8 @@ impl Page for EventPage {
             json!({
                 "model": drawn.model.key,
                 "structure": drawn.model.set.structure,
-                "comparison": ComparisonV1::from(drawn.comparison.as_ref()),
+                "comparison": ComparisonV1::from(drawn.comparison()),
+                "failure": drawn.judged.failure.as_ref().map(EventFailureV1::from),
             })
         };
         Ok(json!({
@@ -116,7 +135,7 @@ impl Page for EventPage {
             .map(|(k, sample)| {
                 let time = drawn.first().map_or_else(
                     || (k as f64 - onset) / window.record.rate_fps,
-                    |d| d.comparison.time_s[k],
+                    |d| d.comparison().time_s[k],
                 );
                 let measured = if sample.usable() {
                     [
@@ -130,7 +149,7 @@ impl Page for EventPage {
                 };
                 let modelled = drawn
                     .iter()
-                    .flat_map(|d| Power::BOTH.map(|power| power.model(&d.comparison)[k]));
+                    .flat_map(|d| Power::BOTH.map(|power| power.model(d.comparison())[k]));
                 std::iter::once(time)
                     .chain(measured)
                     .chain(modelled)
@@ -143,20 +162,6 @@ impl Page for EventPage {
 }
 
 impl EventPage {
-    fn chart_source(&self) -> String {
-        let keys = [("model", &self.model), ("with", &self.rival)];
-        let query: Vec<String> = keys
-            .iter()
-            .filter_map(|(name, drawn)| Some(format!("{name}={}", drawn.as_ref()?.model.key)))
-            .collect();
-        let event = segment(&self.summary.id);
-        format!(
-            "{}?{}",
-            self.head.address(&format!("events/{event}/charts.json")),
-            query.join("&")
-        )
-    }
-
     fn facts(&self) -> Markup {
         let window = &self.summary;
         let duration_s = window.sample_count.saturating_sub(1) as f64 / window.rate_fps;
@@ -196,6 +201,20 @@ impl EventPage {
         }
     }
 
+    /// Where each model fails, in words.
+    fn sentences(&self) -> Markup {
+        html! {
+            @for d in self.model.iter().chain(&self.rival) {
+                @if let Some(failure) = &d.judged.failure {
+                    p.verdict-sentence {
+                        @if self.rival.is_some() { strong { (d.model.label) ": " } }
+                        (failure.sentence)
+                    }
+                }
+            }
+        }
+    }
+
     /// How far each model is from the measurement.
     fn standing(&self) -> Markup {
         let drawn: Vec<&Drawn> = self.model.iter().chain(&self.rival).collect();
@@ -216,7 +235,7 @@ impl EventPage {
                         } }
                         tbody {
                             @for d in drawn {
-                                @let errors = &d.comparison.errors;
+                                @let errors = &d.comparison().errors;
                                 tr {
                                     th scope="row" { (d.model.label) " " (verdict(d.model.set.verdict.status)) }
                                     td { (words::structure(&d.model.set.structure)) }

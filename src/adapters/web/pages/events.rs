@@ -233,7 +233,7 @@ impl Page for Events {
         Some((&self.head, Tab::Events))
     }
 
-    fn body(&self) -> Markup {
+    fn body(&self, _source: &str) -> Markup {
         html! {
             h1 { "Events" }
             (self.filter())

@@ -99,7 +99,7 @@ impl Page for HealthPage {
         None
     }
 
-    fn body(&self) -> Markup {
+    fn body(&self, _source: &str) -> Markup {
         html! {
             h1 { "Health" }
             ul.checks {

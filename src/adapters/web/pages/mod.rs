@@ -1,9 +1,11 @@
 //! The pages, one file each.
 
+pub(super) mod compare;
 pub(super) mod event;
 mod event_charts;
 mod event_view;
 pub(super) mod events;
+mod failure_charts;
 pub(super) mod health;
 mod models;
 mod set_difference;

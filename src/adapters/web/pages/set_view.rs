@@ -50,7 +50,7 @@ impl Page for OneSet {
         Some((&self.head, Tab::Sets))
     }
 
-    fn body(&self) -> Markup {
+    fn body(&self, _source: &str) -> Markup {
         let set = &self.set;
         html! {
             h1 { "Version " (self.stored.version) " " (verdict(set.verdict.status)) }

@@ -134,7 +134,7 @@ impl Page for Sets {
         Some((&self.head, Tab::Sets))
     }
 
-    fn body(&self) -> Markup {
+    fn body(&self, _source: &str) -> Markup {
         html! {
             h1 { "Parameter sets" }
             @if self.sets.is_empty() { p { "No set has been published yet." } } @else { (self.history()) }

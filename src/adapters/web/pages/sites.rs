@@ -80,7 +80,7 @@ impl Page for Sites {
         None
     }
 
-    fn body(&self) -> Markup {
+    fn body(&self, _source: &str) -> Markup {
         html! {
             h1 { "Sites" }
             @if self.rows.is_empty() {

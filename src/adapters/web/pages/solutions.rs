@@ -138,7 +138,7 @@ impl Page for Solutions {
         Some((&self.head, Tab::Solutions))
     }
 
-    fn body(&self) -> Markup {
+    fn body(&self, source: &str) -> Markup {
         html! {
             h1 { "Solutions of the global search" }
             @if let Some((fit, found)) = &self.fit {
@@ -148,13 +148,18 @@ impl Page for Solutions {
                     button type="submit" { "Show" }
                 }
                 p.facts { "Fit " (fit.id.0) " of " (words::utc(fit.stored_ns)) " UTC, " (words::structure(&fit.structure)) }
-                @if let Some(found) = found { (contents(found)) } @else {
+                @if let Some(found) = found { (contents(found, source)) } @else {
                     p.problem { "The details of this fit are no longer kept." }
                 }
             } @else {
                 p { "No joint fit has been made yet: it needs enough usable events." }
             }
         }
+    }
+
+    fn charts(&self) -> Vec<Chart> {
+        self.found()
+            .map_or_else(Vec::new, |found| vec![waterfall(found), tiers(found)])
     }
 
     fn json(&self) -> Result<Value, Problem> {
@@ -208,7 +213,7 @@ fn value(solution: &Solution, name: &str) -> f64 {
         .unwrap_or(f64::NAN)
 }
 
-fn contents(found: &Found) -> Markup {
+fn contents(found: &Found, source: &str) -> Markup {
     let seconds = found.cost.seconds.unwrap_or(f64::NAN);
     html! {
         p.lead {
@@ -218,8 +223,10 @@ fn contents(found: &Found) -> Markup {
             (number::significant(seconds, 2)) " s. The lowest objective is the fit; the others are local "
             "minima that a search from one start may end in."
         }
-        (plot::figure(&waterfall(found), None))
-        (plot::figure(&tiers(found), None))
+        div.charts {
+            (plot::figure(&waterfall(found), Some(source)))
+            (plot::figure(&tiers(found), Some(source)))
+        }
         h2 { "Parameters of each solution" }
         (parameters(found))
         h2 { "Search directions" }
