@@ -6,14 +6,20 @@
 //! read-out and live updates; they and the style sheet are compiled in, and no page names another
 //! host. `docs/web.md` says more.
 
+mod acting;
 mod assets;
 mod desk;
 mod layout;
+mod openapi;
 mod pages;
 mod plot;
 mod problem;
 mod routes;
 mod session;
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;
 mod updates;
 mod view;
 mod words;

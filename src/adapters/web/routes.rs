@@ -8,13 +8,14 @@ use axum::{
     http::{StatusCode, Uri},
     middleware::{self, Next},
     response::{IntoResponse, Redirect, Response},
-    routing::{MethodRouter, get},
+    routing::{MethodRouter, get, post},
 };
 
 use super::{
     assets,
     desk::Desk,
-    pages::{compare, event, events, health, sets, sites, solutions},
+    openapi,
+    pages::{compare, diagnosis, event, events, health, sets, sites, solutions, structure},
     problem::Problem,
     session, updates,
     view::Form,
@@ -34,6 +35,7 @@ pub(in crate::adapters) fn router(context: Arc<Context>) -> Router {
     pages()
         .layer(middleware::from_fn(within_limit))
         .route("/sites/{site}/updates", get(updates::stream))
+        .route("/api/v1/openapi.json", get(openapi::document))
         .route("/session", get(session::ask).post(session::open))
         .route("/static/{mark}/{name}", get(assets::serve))
         .fallback(unknown)
@@ -46,11 +48,23 @@ fn pages() -> Pages {
         .route("/", get(sites::show))
         .route("/sites/{site}", get(site))
         .route("/sites/{site}/events/{event}", get(event::show))
-        .route("/sites/{site}/sets/{version}", get(sets::show_one));
+        .route(
+            "/sites/{site}/diagnoses/{version}",
+            get(diagnosis::show_one),
+        )
+        .route("/sites/{site}/sets/{version}", get(sets::show_one))
+        .route("/sites/{site}/structure", post(structure::change))
+        .route(
+            "/sites/{site}/sets/{version}/roll-back",
+            post(sets::roll_back),
+        )
+        .route("/sites/{site}/decisions/{id}", post(sets::answer));
     for (path, page) in [
         ("/sites", get(sites::show)),
         ("/sites/{site}/events", get(events::show)),
         ("/sites/{site}/compare", get(compare::show)),
+        ("/sites/{site}/diagnosis", get(diagnosis::show)),
+        ("/sites/{site}/structure", get(structure::show)),
         ("/sites/{site}/solutions", get(solutions::show)),
         ("/sites/{site}/sets", get(sets::show)),
         ("/health", get(health::show)),

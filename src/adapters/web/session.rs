@@ -16,7 +16,7 @@ use maud::html;
 use serde::Deserialize;
 
 use super::{desk::Desk, layout, problem::Problem, view};
-use crate::adapters::http::WriteAccess;
+use crate::adapters::http::{Actions, Context};
 
 const COOKIE: &str = "loadmodeld_session";
 /// Purposes of words derived from the token.
@@ -41,20 +41,24 @@ impl FromRequestParts<Arc<Desk>> for Access {
         parts: &mut Parts,
         desk: &Arc<Desk>,
     ) -> Result<Self, Self::Rejection> {
-        Ok(access(&desk.context.access, &parts.headers))
+        Ok(access(&desk.context, &parts.headers))
     }
 }
 
-fn access(write: &WriteAccess, headers: &HeaderMap) -> Access {
-    let known = write.derived(SESSION);
+fn access(context: &Context, headers: &HeaderMap) -> Access {
+    access_by(&context.actions, context.open_pages, headers)
+}
+
+fn access_by(actions: &Actions, open_pages: bool, headers: &HeaderMap) -> Access {
+    let known = actions.derived(SESSION);
     let shown = cookie(headers);
-    let may_write = known.is_some()
-        && (known.as_deref() == shown || (write.has_open_pages() && host_is_loopback(headers)));
-    let csrf = write
-        .derived(CSRF)
-        .filter(|_| may_write)
-        .unwrap_or_default();
-    Access { may_write, csrf }
+    let may_write =
+        known.is_some() && (known.as_deref() == shown || (open_pages && host_is_loopback(headers)));
+    let csrf = actions.derived(CSRF).filter(|_| may_write);
+    Access {
+        may_write,
+        csrf: csrf.unwrap_or_default(),
+    }
 }
 
 impl Access {
@@ -140,14 +144,14 @@ pub(super) struct Shown {
 
 /// `GET /session`: asks for the token.
 pub(super) async fn ask(State(desk): State<Arc<Desk>>, Query(asked): Query<Asked>) -> Response {
-    Html(form(&desk.context.access, &asked.next, None)).into_response()
+    Html(form(&desk.context.actions, &asked.next, None)).into_response()
 }
 
-fn form(write: &WriteAccess, next: &str, problem: Option<&str>) -> String {
+fn form(actions: &Actions, next: &str, problem: Option<&str>) -> String {
     let body = html! {
         h1 { "Unlock changes" }
         @if let Some(problem) = problem { p.problem role="alert" { (problem) } }
-        @if write.is_possible() {
+        @if actions.are_possible() {
             form.filter method="post" action="/session" {
                 input type="hidden" name="next" value=(next);
                 label { "Write token " input type="password" name="token" required autocomplete="current-password"; }
@@ -167,7 +171,7 @@ pub(super) async fn open(
     headers: HeaderMap,
     Form(shown): Form<Shown>,
 ) -> Response {
-    let write = &desk.context.access;
+    let actions = &desk.context.actions;
     let next = own_path(&shown.next);
     if !same_origin(&headers) {
         let detail = "the request comes from another site".to_owned();
@@ -177,11 +181,10 @@ pub(super) async fn open(
         }
         .answer(view::Form::Html);
     }
-    let session = write
-        .derived(SESSION)
-        .filter(|_| write.is_token(&shown.token));
+    let admitted = actions.admit_token(Some(shown.token.trim())).is_ok();
+    let session = actions.derived(SESSION).filter(|_| admitted);
     let Some(session) = session else {
-        let page = form(write, next, Some("That is not the token."));
+        let page = form(actions, next, Some("That is not the token."));
         return (StatusCode::FORBIDDEN, Html(page)).into_response();
     };
     let cookie =
@@ -202,6 +205,7 @@ fn own_path(next: &str) -> &str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::adapters::http::Token;
 
     fn headers(pairs: &[(&'static str, &str)]) -> HeaderMap {
         let pairs = pairs.iter().map(|(name, value)| {
@@ -234,23 +238,28 @@ mod tests {
         ])));
     }
 
+    fn actions(token: Option<&str>) -> Actions {
+        Actions::new(token.map(|text| Token::new(text).unwrap()), |_| {})
+    }
+
     #[test]
     fn a_reader_may_write_with_the_cookie_or_on_open_pages_of_this_machine() {
-        let write = WriteAccess::by_token("secret");
-        assert!(!access(&write, &headers(&[("host", "localhost")])).may_write);
-        let session = format!("a=b; {COOKIE}={}", write.derived(SESSION).unwrap());
-        assert!(access(&write, &headers(&[("cookie", &session)])).may_write);
-        let open = write.with_open_pages();
-        assert!(access(&open, &headers(&[("host", "localhost:9464")])).may_write);
-        assert!(!access(&open, &headers(&[("host", "rebound.example")])).may_write);
-        assert!(!access(&WriteAccess::read_only(), &headers(&[("cookie", &session)])).may_write);
+        let guarded = actions(Some("0123456789abcdef"));
+        let closed = |pairs: &[(&'static str, &str)]| access_by(&guarded, false, &headers(pairs));
+        assert!(!closed(&[("host", "localhost")]).may_write);
+        let session = format!("a=b; {COOKIE}={}", guarded.derived(SESSION).unwrap());
+        assert!(closed(&[("cookie", &session)]).may_write);
+        let open = |host| access_by(&guarded, true, &headers(&[("host", host)]));
+        assert!(open("localhost:9464").may_write);
+        assert!(!open("rebound.example").may_write);
+        let read_only = access_by(&actions(None), true, &headers(&[("host", "localhost")]));
+        assert!(!read_only.may_write);
     }
 
     #[test]
     fn a_form_without_the_word_of_our_pages_is_refused() {
-        let open = WriteAccess::by_token("secret").with_open_pages();
         let sent = headers(&[("host", "localhost"), ("origin", "http://localhost")]);
-        let access = access(&open, &sent);
+        let access = access_by(&actions(Some("0123456789abcdef")), true, &sent);
         assert!(access.check(&access.csrf, &sent).is_ok());
         assert!(access.check("", &sent).is_err());
     }

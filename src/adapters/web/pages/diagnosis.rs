@@ -34,7 +34,10 @@ pub(in super::super) async fn show(
     Path(site): Path<String>,
     uri: Uri,
 ) -> Response {
-    view::show(desk, uri, move |desk| DiagnosisPage::load(desk, &site, None)).await
+    view::show(desk, uri, move |desk| {
+        DiagnosisPage::load(desk, &site, None)
+    })
+    .await
 }
 
 /// `/sites/{site}/diagnoses/{version}`, `.json`, `.csv`: one of them, for good.
@@ -44,7 +47,10 @@ pub(in super::super) async fn show_one(
     uri: Uri,
 ) -> Response {
     let version = Form::of(&version).0.to_owned();
-    view::show(desk, uri, move |desk| DiagnosisPage::load(desk, &site, Some(&version))).await
+    view::show(desk, uri, move |desk| {
+        DiagnosisPage::load(desk, &site, Some(&version))
+    })
+    .await
 }
 
 /// What the page is made of.
@@ -75,9 +81,9 @@ impl DiagnosisPage {
             }
         };
         let diagnosis = match &stored {
-            Some(stored) => {
-                stored.diagnosis().map_err(|e| Problem::unreadable("the diagnosis", &e))?
-            }
+            Some(stored) => stored
+                .diagnosis()
+                .map_err(|e| Problem::unreadable("the diagnosis", &e))?,
             None => None,
         };
         Ok(Self {
@@ -111,7 +117,10 @@ impl Page for DiagnosisPage {
 
     /// The document as it was published, and which others there are.
     fn json(&self) -> Result<Value, Problem> {
-        let document = self.stored.as_ref().and_then(|stored| stored.document.as_deref());
+        let document = self
+            .stored
+            .as_ref()
+            .and_then(|stored| stored.document.as_deref());
         let document: Option<Value> = document
             .map(serde_json::from_str)
             .transpose()
@@ -126,9 +135,19 @@ impl Page for DiagnosisPage {
     /// The candidates.
     fn table(&self) -> Table {
         let mut table = Table::new(&[
-            "effect", "kind", "score_share", "visibility", "delta_bic", "held_out_error_before",
-            "held_out_error_after", "share_of_best_gain", "declared", "in_answer_set", "group",
-            "would_separate", "refused",
+            "effect",
+            "kind",
+            "score_share",
+            "visibility",
+            "delta_bic",
+            "held_out_error_before",
+            "held_out_error_after",
+            "share_of_best_gain",
+            "declared",
+            "in_answer_set",
+            "group",
+            "would_separate",
+            "refused",
         ]);
         let Some(diagnosis) = &self.diagnosis else {
             return table;

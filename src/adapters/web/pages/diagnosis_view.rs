@@ -75,9 +75,15 @@ fn details(page: &DiagnosisPage, diagnosis: &DiagnosisV1, source: &str) -> Marku
 /// The way on: one click adds the effect.
 fn offer(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
     let present = |effect: &String| {
-        page.wanted.as_ref().is_some_and(|record| record.structure.contains(effect))
+        page.wanted
+            .as_ref()
+            .is_some_and(|record| record.structure.contains(effect))
     };
-    let open: Vec<&String> = diagnosis.answer_set.iter().filter(|effect| !present(effect)).collect();
+    let open: Vec<&String> = diagnosis
+        .answer_set
+        .iter()
+        .filter(|effect| !present(effect))
+        .collect();
     html! {
         @if let Some(first) = open.first() {
             p.actions {
@@ -93,8 +99,19 @@ fn offer(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
 }
 
 fn candidates(diagnosis: &DiagnosisV1) -> Markup {
-    let percent = |share: f64| if share.is_finite() { format!("{} %", number::fixed(100.0 * share, 0)) } else { String::new() };
-    let optional = |value: Option<f64>, digits| value.map_or_else(|| "not refitted".to_owned(), |v| number::significant(v, digits));
+    let percent = |share: f64| {
+        if share.is_finite() {
+            format!("{} %", number::fixed(100.0 * share, 0))
+        } else {
+            String::new()
+        }
+    };
+    let optional = |value: Option<f64>, digits| {
+        value.map_or_else(
+            || "not refitted".to_owned(),
+            |v| number::significant(v, digits),
+        )
+    };
     html! {
         div.scroll tabindex="0" role="region" aria-label="Effects tried" {
             table.list {
@@ -134,8 +151,14 @@ fn standing(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
 }
 
 fn separation(diagnosis: &DiagnosisV1) -> Markup {
-    let groups = diagnosis.candidates.iter().filter(|c| c.group.len() > 1 && !c.would_separate.is_empty());
-    let groups: Vec<&CandidateV1> = groups.filter(|c| diagnosis.answer_set.contains(&c.effect)).take(3).collect();
+    let groups = diagnosis
+        .candidates
+        .iter()
+        .filter(|c| c.group.len() > 1 && !c.would_separate.is_empty());
+    let groups: Vec<&CandidateV1> = groups
+        .filter(|c| diagnosis.answer_set.contains(&c.effect))
+        .take(3)
+        .collect();
     html! {
         @if diagnosis.answer_set.len() > 1 {
             h2 { "What these events cannot tell apart" }
@@ -149,10 +172,15 @@ fn separation(diagnosis: &DiagnosisV1) -> Markup {
 
 fn events(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
     let role = |event: &String| {
-        if diagnosis.events.fit.contains(event) { "fitted" }
-        else if diagnosis.events.gate.contains(event) { "gate" }
-        else if diagnosis.events.untouched.contains(event) { "untouched" }
-        else { "" }
+        if diagnosis.events.fit.contains(event) {
+            "fitted"
+        } else if diagnosis.events.gate.contains(event) {
+            "gate"
+        } else if diagnosis.events.untouched.contains(event) {
+            "untouched"
+        } else {
+            ""
+        }
     };
     html! {
         h2 { "Where it fails, event by event" }
@@ -170,8 +198,8 @@ fn events(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
             }
         }
         p.note {
-            "`fitted` events carried the fits, `gate` events decided whether an effect may be declared, and errors are "
-            "quoted from `untouched` events, which served neither."
+            "Fitted events carried the fits, gate events decided whether an effect may be declared, and errors are "
+            "quoted from untouched events, which served neither."
         }
         @for refused in &diagnosis.events.refused { p.note { "Left out: " (refused.event) ": " (refused.reason) } }
     }

@@ -295,7 +295,10 @@ fn against_voltage(model: &Drawn) -> Chart {
     let panels = Power::BOTH.map(|power| {
         let y = pick(&power.residual(comparison));
         Panel {
-            title: format!("{} measured minus model, pu", power.letter()),
+            title: format!(
+                "{} measured minus model, pu (dark at the onset, bright at the end)",
+                power.letter()
+            ),
             height: 170,
             vertical: padded(span_of(&y), LEAST_PU),
             logarithmic: false,
@@ -306,7 +309,7 @@ fn against_voltage(model: &Drawn) -> Chart {
                     at: 0.0,
                 },
                 Mark::Points {
-                    name: "dark: at the onset, bright: at the end".to_owned(),
+                    name: String::new(),
                     ink: Ink::Model,
                     shape: Shape::Dot,
                     x: None,

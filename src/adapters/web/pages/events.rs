@@ -250,7 +250,7 @@ impl Page for Events {
                     }
                 }
                 p.note {
-                    "Lowest voltage per unit of the base. Errors of the set in force; `event error` is over the "
+                    "Lowest voltage per unit of the base. Errors of the set in force; “event error” is over the "
                     "part from the onset on. Error over noise is 1 where nothing but noise is left."
                 }
             }
@@ -394,7 +394,7 @@ impl Events {
                 td { (words::triggers(&window.triggers)) }
                 td { span class={ "chip " (class) } { (if class == "bad" { "refused" } else { &words }) }
                     @if class == "bad" { " " span.dim { (words) } } }
-                td { (row.role().replace('_', " ")) }
+                td.time { (row.role().replace('_', " ")) }
                 @if let Some((errors, _)) = &row.errors {
                     td.num { (number::significant(errors.event_eps_p_percent, 3)) }
                     td.num { (number::significant(errors.event_eps_q_percent, 3)) }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::{
     extract::{Path, Query, State},
-    http::Uri,
+    http::{HeaderMap, Uri},
     response::Response,
 };
 use maud::{Markup, html};
@@ -13,9 +13,11 @@ use serde_json::{Value, json};
 
 use super::{
     super::{
+        acting,
         desk::Desk,
-        layout::{SiteHead, Tab, verdict},
+        layout::{SiteHead, Tab, site_address, verdict},
         problem::Problem,
+        session::Access,
         view::{self, Form, Page, Table, cell},
         words,
     },
@@ -27,7 +29,7 @@ use crate::{
     adapters::{
         http::{DecisionDocument, SetDocument},
         report::number,
-        store::{DecisionRecord, StoredSet},
+        store::{Approval, DecisionId, DecisionRecord, RollBack, StoredSet},
     },
     identification::ParameterSet,
 };
@@ -50,9 +52,95 @@ pub(in super::super) async fn show(
     State(desk): State<Arc<Desk>>,
     Path(site): Path<String>,
     Query(asked): Query<Asked>,
+    access: Access,
     uri: Uri,
 ) -> Response {
-    view::show(desk, uri, move |desk| Sets::load(desk, &site, &asked)).await
+    view::show(desk, uri, move |desk| {
+        Sets::load(desk, &site, &asked, access)
+    })
+    .await
+}
+
+/// A form of the page.
+#[derive(Debug, Deserialize)]
+pub(in super::super) struct Sent {
+    csrf: String,
+    #[serde(default)]
+    comment: String,
+    /// `approve` or `refuse`.
+    #[serde(default)]
+    answer: String,
+}
+
+/// `POST /sites/{site}/sets/{version}/roll-back`.
+pub(in super::super) async fn roll_back(
+    State(desk): State<Arc<Desk>>,
+    Path((site, version)): Path<(String, u64)>,
+    access: Access,
+    headers: HeaderMap,
+    axum::Form(sent): axum::Form<Sent>,
+) -> Response {
+    if let Err(problem) = access.check(&sent.csrf, &headers) {
+        return problem.answer(Form::Html);
+    }
+    let next = site_address(&site, "sets");
+    acting::act(desk, &next, move |desk, now_ns| {
+        let comment = acting::comment(&sent.comment)?;
+        let (site, actor) = (site.as_str(), acting::ACTOR);
+        let to = RollBack {
+            site,
+            version,
+            actor,
+            comment: &comment,
+        };
+        let actions = &desk.context.actions;
+        actions
+            .roll_back(desk.store(), &to, now_ns)
+            .map_err(acting::problem)?;
+        Ok(())
+    })
+    .await
+}
+
+/// `POST /sites/{site}/decisions/{id}`: approves or refuses a set that waits.
+pub(in super::super) async fn answer(
+    State(desk): State<Arc<Desk>>,
+    Path((site, id)): Path<(String, i64)>,
+    access: Access,
+    headers: HeaderMap,
+    axum::Form(sent): axum::Form<Sent>,
+) -> Response {
+    if let Err(problem) = access.check(&sent.csrf, &headers) {
+        return problem.answer(Form::Html);
+    }
+    let approved = match sent.answer.as_str() {
+        "approve" => true,
+        "refuse" => false,
+        _ => return Problem::bad_request("the answer is `approve` or `refuse`").answer(Form::Html),
+    };
+    let next = site_address(&site, "sets");
+    acting::act(desk, &next, move |desk, now_ns| {
+        let decision = DecisionId(id);
+        let known = desk
+            .store()
+            .decision(decision)?
+            .filter(|record| record.site == site);
+        if known.is_none() {
+            return Err(Problem::not_found(format!("`{site}` has no decision {id}")));
+        }
+        let comment = acting::comment(&sent.comment)?;
+        let approval = Approval {
+            decision,
+            approved,
+            actor: acting::ACTOR,
+            comment: &comment,
+        };
+        let actions = &desk.context.actions;
+        let answered = actions.answer_decision(desk.store(), &site, &approval, now_ns);
+        answered.map_err(acting::problem)?;
+        Ok(())
+    })
+    .await
 }
 
 /// `/sites/{site}/sets/{version}`, `.json`, `.csv`.
@@ -72,10 +160,11 @@ struct Sets {
     choices: Vec<Choice>,
     asked: (String, String),
     difference: Option<Difference>,
+    access: Access,
 }
 
 impl Sets {
-    fn load(desk: &Desk, site: &str, asked: &Asked) -> Result<Self, Problem> {
+    fn load(desk: &Desk, site: &str, asked: &Asked, access: Access) -> Result<Self, Problem> {
         let head = SiteHead::load(desk, site)?;
         let sets = desk
             .store()
@@ -114,6 +203,7 @@ impl Sets {
             choices,
             asked: ends.unwrap_or_default(),
             difference,
+            access,
         })
     }
 
@@ -206,7 +296,7 @@ impl Sets {
                         th scope="col" { "Version" } th scope="col" { "Since, UTC" } th scope="col" { "Verdict" }
                         th scope="col" { "Structure" }
                         th.num scope="col" { "Held-out error of P, %" } th.num scope="col" { "of Q, %" }
-                        th.num scope="col" { "Error / noise" } th scope="col" { "Files" }
+                        th.num scope="col" { "Error / noise" } th scope="col" { "Files" } th scope="col" { span.hidden { "Actions" } }
                     } }
                     tbody { @for (stored, set) in &self.sets {
                         @let page = self.head.address(&format!("sets/{}", stored.version));
@@ -222,9 +312,32 @@ impl Sets {
                                 td.num { (number::significant(errors.error_to_noise, 3)) }
                             } @else { td {} td {} td {} }
                             td { a href={ (page) ".json" } { "JSON" } " " a href={ (page) ".csv" } { "CSV" } }
+                            td {
+                                @if self.access.may_write && self.in_force() != Some(stored.version) {
+                                    form method="post" action={ (page) "/roll-back" } {
+                                        input type="hidden" name="csrf" value=(self.access.csrf);
+                                        button type="submit" { "Put in force again" }
+                                    }
+                                }
+                            }
                         }
                     } }
                 }
+            }
+        }
+    }
+
+    fn answers(&self, decision: i64) -> Markup {
+        html! {
+            @if self.access.may_write {
+                form method="post" action=(self.head.address(&format!("decisions/{decision}"))) {
+                    input type="hidden" name="csrf" value=(self.access.csrf);
+                    input type="text" name="comment" maxlength="500" aria-label="Comment" placeholder="comment";
+                    button type="submit" name="answer" value="approve" { "Approve" }
+                    button type="submit" name="answer" value="refuse" { "Refuse" }
+                }
+            } @else {
+                " " a href={ "/session?next=" (self.head.address("sets")) } { "unlock to answer" }
             }
         }
     }
@@ -240,7 +353,7 @@ impl Sets {
                             td.time { (words::utc(record.decided_ns)) }
                             td { span class={ "chip " (decision_class(document.decision)) } { (document.decision.replace('_', " ")) }
                                 @if let Some(version) = document.version { " version " (version) }
-                                @if document.awaiting_approval { " " span.chip.open { "awaits approval" } } }
+                                @if document.awaiting_approval { " " span.chip.open { "awaits approval" } (self.answers(document.id)) } }
                             td { (document.reason) }
                             td { (document.actor) }
                         }

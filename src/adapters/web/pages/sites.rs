@@ -6,18 +6,21 @@ use axum::{extract::State, http::Uri, response::Response};
 use maud::{Markup, html};
 use serde_json::{Value, json};
 
-use super::super::{
-    desk::Desk,
-    layout::{SiteHead, Tab, site_address, verdict},
-    problem::Problem,
-    view::{self, Page, Table, cell},
-    words,
+use super::{
+    super::{
+        desk::Desk,
+        layout::{SiteHead, Tab, site_address, verdict},
+        problem::Problem,
+        view::{self, Page, Table, cell},
+        words,
+    },
+    diagnosis_view::status_chip,
 };
 use crate::{
     adapters::{
         http::SiteDocument,
         report::number,
-        store::{StoredSet, WindowTally},
+        store::{JobKind, StoredSet, WindowTally},
         wire::v1::{rfc3339, verdict_status_name},
     },
     identification::ParameterSet,
@@ -32,6 +35,10 @@ struct Row {
     site: Site,
     tally: Option<WindowTally>,
     in_force: Option<(StoredSet, ParameterSet)>,
+    /// The newest joint fit, where nothing is in force.
+    fit: Option<ParameterSet>,
+    /// Status and answer set of the newest diagnosis.
+    diagnosis: Option<(String, Vec<String>)>,
 }
 
 struct Sites {
@@ -49,9 +56,18 @@ impl Sites {
                 Some(stored) => stored.set().ok().map(|set| (stored, set)),
                 None => None,
             };
+            let fit = if in_force.is_none() {
+                let newest = store.fits(&site.name, JobKind::IdentifySite, 1)?.pop();
+                newest.and_then(|fit| fit.set().ok().flatten())
+            } else {
+                None
+            };
+            let diagnosis = store.newest_diagnosis(&site.name)?;
             rows.push(Row {
                 tally: place.map(|k| tallies.swap_remove(k)),
                 in_force,
+                fit,
+                diagnosis: diagnosis.map(|d| (d.status, d.answer_set)),
                 site,
             });
         }
@@ -60,9 +76,15 @@ impl Sites {
 }
 
 impl Row {
+    /// The set in force, else that of the newest fit.
+    fn set(&self) -> Option<&ParameterSet> {
+        let in_force = self.in_force.as_ref().map(|(_, set)| set);
+        in_force.or(self.fit.as_ref())
+    }
+
     /// The errors to quote and whether they are of held-out events.
     fn quoted(&self) -> Option<(&crate::identification::ErrorSummary, bool)> {
-        let (_, set) = self.in_force.as_ref()?;
+        let set = self.set()?;
         Some(
             set.held_out
                 .as_ref()
@@ -98,6 +120,7 @@ impl Page for Sites {
                             th scope="col" { "Newest, UTC" }
                             th scope="col" { "In force" }
                             th scope="col" { "Model" }
+                            th scope="col" { "Missing" }
                             th.num scope="col" { "Error of P, %" }
                             th.num scope="col" { "Error of Q, %" }
                             th.num scope="col" { "Error / noise" }
@@ -106,7 +129,7 @@ impl Page for Sites {
                     }
                 }
                 p.note {
-                    "Errors are those on events the model has not seen. Error over noise is 1 where a model "
+                    "Errors are those on events the model has not seen, of the set in force or else of the newest fit. Error over noise is 1 where a model "
                     "follows the measurement as closely as the noise allows."
                 }
             }
@@ -133,6 +156,7 @@ impl Page for Sites {
             "eps_q_percent",
             "error_to_noise",
             "errors_on",
+            "diagnosis",
         ]);
         table.rows = self.rows.iter().map(cells).collect();
         table
@@ -156,8 +180,17 @@ fn line(row: &Row) -> Markup {
                     " " (verdict(set.verdict.status))
                 }
                 td { (words::structure(&set.structure)) }
+            } @else if let Some(set) = &row.fit {
+                td { span.chip.open { "none yet" } }
+                td { (words::structure(&set.structure)) " " (verdict(set.verdict.status)) }
             } @else {
                 td { span.chip.open { "none yet" } } td {}
+            }
+            td {
+                @if let Some((status, answers)) = &row.diagnosis {
+                    a href=(site_address(name, "diagnosis")) { (status_chip(status)) }
+                    @if let Some(first) = answers.first() { " " (words::effect(first)) }
+                }
             }
             @if let Some((errors, _)) = row.quoted() {
                 td.num { (number::significant(errors.eps_p_percent, 3)) }
@@ -182,6 +215,8 @@ fn document(row: &Row) -> Value {
         "structure": row.in_force.as_ref().map(|(_, set)| &set.structure),
         "eps_p_percent": quoted.map(|(errors, _)| errors.eps_p_percent),
         "eps_q_percent": quoted.map(|(errors, _)| errors.eps_q_percent),
+        "diagnosis": row.diagnosis.as_ref().map(|(status, _)| status),
+        "missing": row.diagnosis.as_ref().map(|(_, answers)| answers),
         "error_to_noise": quoted.map(|(errors, _)| errors.error_to_noise),
         "errors_on": quoted.map(|(_, held_out)| if held_out { "held_out" } else { "fit" }),
     })
@@ -223,5 +258,8 @@ fn cells(row: &Row) -> Vec<String> {
                 |(_, held_out)| if held_out { "held_out" } else { "fit" },
             )
             .to_owned(),
+        row.diagnosis
+            .as_ref()
+            .map_or_else(String::new, |(status, _)| status.clone()),
     ]
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use axum::{
+    Form,
     extract::{Path, Query, State},
-    http::Uri,
+    http::{HeaderMap, Uri},
     response::Response,
 };
 use maud::Markup;
@@ -13,8 +14,9 @@ use serde_json::{Value, json};
 
 use super::{
     super::{
+        acting,
         desk::{Desk, Judged},
-        layout::{SiteHead, Tab},
+        layout::{SiteHead, Tab, site_address},
         plot::Chart,
         problem::Problem,
         session::Access,
@@ -23,7 +25,7 @@ use super::{
     structure_view,
 };
 use crate::{
-    adapters::store::{JobKind, StoredFit, StructureRecord},
+    adapters::store::{JobKind, NewStructure, Origin, StoredFit, StructureChange, StructureRecord},
     identification::{ErrorSummary, ParameterSet},
 };
 
@@ -45,7 +47,57 @@ pub(in super::super) async fn show(
     access: Access,
     uri: Uri,
 ) -> Response {
-    view::show(desk, uri, move |desk| StructurePage::load(desk, &site, asked, access)).await
+    view::show(desk, uri, move |desk| {
+        StructurePage::load(desk, &site, asked, access)
+    })
+    .await
+}
+
+/// A form of the page.
+#[derive(Debug, Deserialize)]
+pub(in super::super) struct Sent {
+    csrf: String,
+    add: Option<String>,
+    remove: Option<String>,
+    #[serde(default)]
+    comment: String,
+}
+
+/// `POST /sites/{site}/structure`: adds or removes an effect.
+pub(in super::super) async fn change(
+    State(desk): State<Arc<Desk>>,
+    Path(site): Path<String>,
+    access: Access,
+    headers: HeaderMap,
+    Form(sent): Form<Sent>,
+) -> Response {
+    if let Err(problem) = access.check(&sent.csrf, &headers) {
+        return problem.answer(view::Form::Html);
+    }
+    let change = match (sent.add, sent.remove) {
+        (Some(effect), None) => StructureChange::Add(effect),
+        (None, Some(effect)) => StructureChange::Remove(effect),
+        _ => {
+            let problem = Problem::bad_request("the form has to add or to remove one effect");
+            return problem.answer(view::Form::Html);
+        }
+    };
+    let next = site_address(&site, "structure");
+    acting::act(desk, &next, move |desk, now_ns| {
+        let new = NewStructure {
+            site: &site,
+            change: &change,
+            origin: Origin::Http,
+            actor: acting::ACTOR,
+            comment: &acting::comment(&sent.comment)?,
+        };
+        let actions = &desk.context.actions;
+        actions
+            .change_structure(desk.store(), &new, now_ns)
+            .map_err(acting::problem)?;
+        Ok(())
+    })
+    .await
 }
 
 /// One step of the staircase: the last joint fit of a run of fits with one structure.
@@ -97,12 +149,23 @@ impl StructurePage {
             .and_then(|stored| stored.diagnosis().ok().flatten())
             .map_or(1.0, |diagnosis| diagnosis.noise_floor);
         let overlay = overlay(desk, &stairs);
-        Ok(Self { head, asked, access, stairs, changes, wanted, floor, overlay })
+        Ok(Self {
+            head,
+            asked,
+            access,
+            stairs,
+            changes,
+            wanted,
+            floor,
+            overlay,
+        })
     }
 
     /// Whether a fit of the wanted structure is still to come.
     pub(super) fn awaited(&self) -> bool {
-        self.stairs.last().is_none_or(|stair| stair.fit.structure != self.wanted)
+        self.stairs
+            .last()
+            .is_none_or(|stair| stair.fit.structure != self.wanted)
     }
 }
 
@@ -110,7 +173,10 @@ impl StructurePage {
 fn stairs(newest_first: Vec<StoredFit>) -> Result<Vec<Stair>, Problem> {
     let mut stairs: Vec<Stair> = Vec::new();
     for fit in newest_first {
-        if stairs.last().is_some_and(|later| later.fit.structure == fit.structure) {
+        if stairs
+            .last()
+            .is_some_and(|later| later.fit.structure == fit.structure)
+        {
             continue;
         }
         let set = fit.set().map_err(|e| Problem::unreadable("a fit", &e))?;
@@ -131,15 +197,27 @@ fn overlay(desk: &Desk, stairs: &[Stair]) -> Option<Overlay> {
         let held_out = |stair: &Stair| stair.set.held_out_events.iter().any(|e| e == event);
         held_out(before) && held_out(after)
     };
-    let errors = before.set.held_out.iter().chain([&before.set.fit]).flat_map(|s| &s.events);
+    let errors = before
+        .set
+        .held_out
+        .iter()
+        .chain([&before.set.fit])
+        .flat_map(|s| &s.events);
     let worst = errors.max_by(|a, b| {
-        let key = |e: &crate::identification::EventErrors| (held_out_of_both(&e.event), e.error_to_noise);
+        let key =
+            |e: &crate::identification::EventErrors| (held_out_of_both(&e.event), e.error_to_noise);
         let ((a_out, a_error), (b_out, b_error)) = (key(a), key(b));
         a_out.cmp(&b_out).then(a_error.total_cmp(&b_error))
     })?;
     let window = desk.store().window(&worst.event).ok()??;
-    let judged = |stair: &Stair| desk.comparison(&stair.set, &stair.fit.content_hash, &window).ok();
-    Some(Overlay { before: judged(before)?, after: judged(after)? })
+    let judged = |stair: &Stair| {
+        desk.comparison(&stair.set, &stair.fit.content_hash, &window)
+            .ok()
+    };
+    Some(Overlay {
+        before: judged(before)?,
+        after: judged(after)?,
+    })
 }
 
 impl Page for StructurePage {
@@ -186,8 +264,12 @@ impl Page for StructurePage {
 
     fn table(&self) -> Table {
         let mut table = Table::new(&[
-            "fit", "structure", "error_to_noise", "held_out_error_to_noise",
-            "held_out_eps_p_percent", "held_out_eps_q_percent",
+            "fit",
+            "structure",
+            "error_to_noise",
+            "held_out_error_to_noise",
+            "held_out_eps_p_percent",
+            "held_out_eps_q_percent",
         ]);
         table.rows = self
             .stairs

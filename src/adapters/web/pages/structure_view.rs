@@ -51,8 +51,15 @@ pub(super) fn charts(page: &StructurePage) -> Vec<Chart> {
 
 fn seen(page: &StructurePage, overlay: &Overlay) -> &'static str {
     let event = &overlay.after.comparison.event;
-    let held_out = page.stairs.last().is_some_and(|s| s.set.held_out_events.contains(event));
-    if held_out { "the fit has not seen" } else { "of the fit" }
+    let held_out = page
+        .stairs
+        .last()
+        .is_some_and(|s| s.set.held_out_events.contains(event));
+    if held_out {
+        "the fit has not seen"
+    } else {
+        "of the fit"
+    }
 }
 
 fn change(page: &StructurePage) -> Markup {
@@ -107,19 +114,35 @@ fn step_name(stairs: &[Stair], place: usize) -> String {
     let Some(before) = place.checked_sub(1).map(|k| &stairs[k].fit.structure) else {
         return words::structure(now);
     };
-    let added = now.iter().filter(|part| !before.contains(part)).map(|p| format!("+ {}", words::effect(p)));
-    let removed = before.iter().filter(|part| !now.contains(part)).map(|p| format!("\u{2212} {}", words::effect(p)));
+    let added = now
+        .iter()
+        .filter(|part| !before.contains(part))
+        .map(|p| format!("+ {}", words::effect(p)));
+    let removed = before
+        .iter()
+        .filter(|part| !now.contains(part))
+        .map(|p| format!("\u{2212} {}", words::effect(p)));
     added.chain(removed).collect::<Vec<_>>().join(" ")
 }
 
 fn staircase(page: &StructurePage) -> Chart {
     let stairs = &page.stairs;
     let log = |value: f64| value.max(1e-3).log10();
-    let fitted: Vec<f64> = stairs.iter().map(|s| log(s.set.fit.error_to_noise)).collect();
-    let held_out: Vec<f64> =
-        stairs.iter().map(|s| s.held_out().map_or(f64::NAN, |e| log(e.error_to_noise))).collect();
+    let fitted: Vec<f64> = stairs
+        .iter()
+        .map(|s| log(s.set.fit.error_to_noise))
+        .collect();
+    let held_out: Vec<f64> = stairs
+        .iter()
+        .map(|s| s.held_out().map_or(f64::NAN, |e| log(e.error_to_noise)))
+        .collect();
     let floor = log(page.floor);
-    let all: Vec<f64> = fitted.iter().chain(&held_out).copied().chain([floor]).collect();
+    let all: Vec<f64> = fitted
+        .iter()
+        .chain(&held_out)
+        .copied()
+        .chain([floor])
+        .collect();
     // A tread per step and a riser to the next.
     let tread = |y: &[f64]| -> (Vec<f64>, Vec<f64>) {
         let corners = y.iter().enumerate().flat_map(|(k, &y)| {
@@ -130,7 +153,13 @@ fn staircase(page: &StructurePage) -> Chart {
     };
     let line = |name: &str, ink, y: &[f64], dashed| {
         let (x, y) = tread(y);
-        Mark::Line { name: name.to_owned(), ink, x: Some(x), y, dashed }
+        Mark::Line {
+            name: name.to_owned(),
+            ink,
+            x: Some(x),
+            y,
+            dashed,
+        }
     };
     let points = |ink, shape, y: Vec<f64>| Mark::Points {
         name: String::new(),
@@ -143,9 +172,10 @@ fn staircase(page: &StructurePage) -> Chart {
     Chart {
         id: "staircase".to_owned(),
         title: "Error against structure".to_owned(),
-        description: "Error over noise of each structure in turn, on the fitted and on the held-out events, \
+        description:
+            "Error over noise of each structure in turn, on the fitted and on the held-out events, \
                       and the error of a perfect model as the floor."
-            .to_owned(),
+                .to_owned(),
         horizontal_title: "structure".to_owned(),
         horizontal: (-0.6, stairs.len() as f64 - 0.4),
         names: (0..stairs.len()).map(|k| step_name(stairs, k)).collect(),
@@ -157,7 +187,11 @@ fn staircase(page: &StructurePage) -> Chart {
             vertical: padded(span_of(&all), 0.2),
             logarithmic: true,
             marks: vec![
-                Mark::Level { name: "noise floor".to_owned(), ink: Ink::Mark, at: floor },
+                Mark::Level {
+                    name: "noise floor".to_owned(),
+                    ink: Ink::Mark,
+                    at: floor,
+                },
                 line("fitted events", Ink::Measured, &fitted, true),
                 line("held-out events", Ink::Model, &held_out, false),
                 points(Ink::Measured, Shape::Ring, fitted),
@@ -203,7 +237,12 @@ fn before_and_after(overlay: &Overlay) -> Chart {
     };
     let panels = Power::BOTH.map(|power| {
         let measured = power.measured(after);
-        let span = span_of(measured.iter().chain(power.model(before)).chain(power.model(after)));
+        let span = span_of(
+            measured
+                .iter()
+                .chain(power.model(before))
+                .chain(power.model(after)),
+        );
         Panel {
             title: power.title().to_owned(),
             height: 220,
@@ -226,7 +265,9 @@ fn before_and_after(overlay: &Overlay) -> Chart {
             after.event
         ),
         horizontal_title: "time from onset, s".to_owned(),
-        horizontal: span_of(&x).filter(|(low, high)| low < high).unwrap_or((0.0, 1.0)),
+        horizontal: span_of(&x)
+            .filter(|(low, high)| low < high)
+            .unwrap_or((0.0, 1.0)),
         names: Vec::new(),
         x,
         linked: None,

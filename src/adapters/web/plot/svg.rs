@@ -13,8 +13,11 @@ const LEFT: f64 = 64.0;
 const RIGHT: f64 = 14.0;
 /// Room for the title of a panel.
 const HEAD: f64 = 24.0;
-/// Room for the horizontal axis.
+/// Room for the horizontal axis with names of one line, and for each further line.
 const FOOT: f64 = 40.0;
+const LINE: f64 = 14.0;
+/// Characters of one line of a name.
+const NAME_CHARACTERS: usize = 14;
 /// Points of one curve at most; above it a curve is drawn by its extremes.
 const POINTS_MAX: usize = 1500;
 /// Steps of the colour that tells a point's time.
@@ -56,7 +59,7 @@ fn height(chart: &Chart) -> f64 {
         .iter()
         .map(|p| f64::from(p.height) + HEAD)
         .sum();
-    panels + FOOT
+    panels + FOOT + LINE * (name_lines(chart) - 1) as f64
 }
 
 /// From data to drawing coordinates within one panel.
@@ -160,7 +163,10 @@ fn axes(out: &mut String, frame: &Frame<'_>, last: bool) {
         );
         if last {
             let label = named(chart, value).unwrap_or_else(|| number::fixed(value, decimals));
-            text(out, (x, frame.bottom() + 17.0), "tick middle", &label);
+            for (place, line) in lines(&label).iter().enumerate() {
+                let y = frame.bottom() + 17.0 + LINE * place as f64;
+                text(out, (x, y), "tick middle", line);
+            }
         }
     }
     add(
@@ -176,7 +182,10 @@ fn axes(out: &mut String, frame: &Frame<'_>, last: bool) {
         let middle = f64::midpoint(LEFT, WIDTH - RIGHT);
         text(
             out,
-            (middle, frame.bottom() + 35.0),
+            (
+                middle,
+                frame.bottom() + 35.0 + LINE * (name_lines(chart) - 1) as f64,
+            ),
             "axis-title middle",
             &chart.horizontal_title,
         );

@@ -1,5 +1,5 @@
 // Charts that zoom and tell values: each takes the place of the server's drawing in its figure.
-import { FOOT, HEAD, LEFT, Panel, RIGHT, fixed, lowerBound, significant } from "./draw.js";
+import { HEAD, LEFT, Panel, RIGHT, fixed, foot, lowerBound, significant } from "./draw.js";
 
 const INKS = ["measured", "model", "rival", "third", "noise", "edge", "mark", "unused"];
 const documents = new Map(); // address -> promise of its charts
@@ -29,7 +29,9 @@ class Chart {
     this.canvas.setAttribute("aria-label", data.title + ". Keys: + and - zoom, arrows move, 0 shows everything.");
     this.readout = document.createElement("div"); this.readout.className = "readout"; this.readout.hidden = true;
     const svg = this.plot.querySelector("svg"); svg.setAttribute("aria-hidden", "true"); svg.style.display = "none";
-    this.plot.append(this.canvas, this.readout);
+    // What follows the pointer is drawn on a canvas of its own above the other.
+    this.overlay = document.createElement("canvas"); this.overlay.className = "overlay"; this.overlay.setAttribute("aria-hidden", "true");
+    this.plot.append(this.canvas, this.overlay, this.readout);
     this.tools(); this.legend(); this.listen();
     this.resized = new ResizeObserver(() => this.draw()); this.resized.observe(this.plot);
     this.themed = () => { this.colours = null; this.draw(); };
@@ -46,6 +48,7 @@ class Chart {
   tools() {
     const bar = document.createElement("span"); bar.className = "tools";
     const button = (text, title, act) => { const b = document.createElement("button"); b.type = "button"; b.textContent = text; b.title = title; b.setAttribute("aria-label", title); b.addEventListener("click", act); bar.append(b); };
+    if (this.data.names.length) { button("PNG", "Save as picture", () => this.save()); this.figure.querySelector("figcaption").append(bar); return; }
     button("+", "Zoom in", () => this.zoom(0.5)); button("\u2212", "Zoom out", () => this.zoom(2));
     button("\u25c2", "Earlier", () => this.move(-0.25)); button("\u25b8", "Later", () => this.move(0.25));
     button("all", "Show everything", () => this.show(...this.whole)); button("PNG", "Save as picture", () => this.save());
@@ -138,9 +141,9 @@ class Chart {
 
   draw() {
     const width = this.plot.clientWidth; if (!width) return;
-    const height = this.data.panels.reduce((sum, p) => sum + p.height + HEAD, FOOT), ratio = window.devicePixelRatio || 1;
+    const height = this.data.panels.reduce((sum, p) => sum + p.height + HEAD, foot(this.data)), ratio = window.devicePixelRatio || 1;
     const size = [Math.round(width * ratio), Math.round(height * ratio)];
-    if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) { [this.canvas.width, this.canvas.height] = size; this.canvas.style.height = height + "px"; }
+    if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) for (const canvas of [this.canvas, this.overlay]) { [canvas.width, canvas.height] = size; canvas.style.height = height + "px"; }
     const context = this.canvas.getContext("2d"); context.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.colours ??= this.palette();
     context.fillStyle = this.colours.panel; context.fillRect(0, 0, width, height);
@@ -150,15 +153,15 @@ class Chart {
       const drawn = new Panel(this.data, panel, context, this.colours, box, { horizontal: this.horizontal, vertical: this.vertical(panel) });
       drawn.draw(k + 1 === this.data.panels.length, this.hidden); return drawn;
     });
-    this.picture = context.getImageData(0, 0, ...size); this.cross();
+    this.cross();
   }
 
   // The pointer is at `value`; `selected` is where a stretch began.
-  point(value, pixel, selected) { this.hover = value === null ? null : { value, pixel, selected }; this.cross(true); }
+  point(value, pixel, selected) { this.hover = value === null ? null : { value, pixel, selected }; this.cross(); }
 
-  cross(clean) {
-    const context = this.canvas.getContext("2d");
-    if (clean && this.picture) context.putImageData(this.picture, 0, 0);
+  cross() {
+    const context = this.overlay.getContext("2d"), ratio = window.devicePixelRatio || 1;
+    context.setTransform(ratio, 0, 0, ratio, 0, 0); context.clearRect(0, 0, this.overlay.width, this.overlay.height);
     this.readout.hidden = true; if (!this.hover || !this.panels) return;
     const { value, pixel, selected } = this.hover, first = this.panels[0], last = this.panels.at(-1), x = first.x(value);
     if (x < LEFT || x > LEFT + this.width()) return;

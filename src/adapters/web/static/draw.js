@@ -1,6 +1,18 @@
 // Drawing of one panel on a canvas, in CSS pixels. The same marks as the server's drawing.
 export const LEFT = 64, RIGHT = 14, HEAD = 24, FOOT = 40;
 
+// A name in lines of at most about 14 characters, broken between words.
+export function lines(name) {
+  const found = [];
+  for (const word of name.split(" ")) {
+    if (found.length && found.at(-1).length + word.length < 14) found.push(found.pop() + " " + word); else found.push(word);
+  }
+  return found;
+}
+
+// Room below the last panel.
+export function foot(chart) { return FOOT + 14 * (Math.max(1, ...chart.names.map((name) => lines(name).length)) - 1); }
+
 export function ticks(low, high, count) {
   const span = high - low;
   if (!(span > 0) || !isFinite(span)) return { values: [], decimals: 0 };
@@ -9,6 +21,23 @@ export function ticks(low, high, count) {
   const values = [];
   for (let k = Math.ceil(low / step); k <= Math.floor(high / step + 1e-9) && values.length < 64; k++) values.push(k * step);
   return { values, decimals: Math.min(9, Math.max(0, -Math.floor(Math.log10(step)))) };
+}
+
+// Places on an axis of decimal logarithms: powers of ten, with 2 and 5 times them where there is room.
+export function logarithmicTicks(low, high, count) {
+  const span = high - low, factors = span * 3 <= count + 1 ? [1, 2, 5] : [1], values = [];
+  if (!(span > 0) || span > 64) return values;
+  for (let power = Math.floor(low); power <= high; power++) for (const factor of factors) {
+    const place = power + Math.log10(factor);
+    if (place >= low && place <= high) values.push(place);
+  }
+  return values.length < 2 ? ticks(low, high, count).values : values;
+}
+
+// What stands at a place of a logarithmic axis, without the last digits' rounding.
+function numberAt(logarithm) {
+  const digit = 10 ** (Math.floor(logarithm) - 1), value = Math.round(10 ** logarithm / digit) * digit;
+  return Math.abs(value) >= 1e6 || Math.abs(value) < 1e-4 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
 }
 
 export function fixed(value, decimals) {
@@ -55,12 +84,13 @@ export class Panel {
     c.font = "600 12px system-ui, 'DejaVu Sans', sans-serif"; c.fillStyle = col.text; c.textAlign = "left"; c.textBaseline = "alphabetic";
     c.fillText(this.panel.title, left, top - 8, width);
     c.font = "12px system-ui, 'DejaVu Sans', sans-serif"; c.fillStyle = col.dim; c.strokeStyle = col.grid; c.lineWidth = 1;
-    const vertical = ticks(this.low, this.high, Math.max(2, Math.min(7, Math.floor(height / 34))));
+    const count = Math.max(3, Math.min(7, Math.floor(height / 30)));
+    const vertical = this.panel.logarithmic ? { values: logarithmicTicks(this.low, this.high, count), decimals: 0 } : ticks(this.low, this.high, count);
     c.textAlign = "right"; c.textBaseline = "middle";
     for (const value of vertical.values) {
       const y = Math.round(this.y(value)) + 0.5;
       c.beginPath(); c.moveTo(left, y); c.lineTo(left + width, y); c.stroke();
-      c.fillText(this.panel.logarithmic ? significant(10 ** value, 2) : fixed(value, vertical.decimals), left - 6, y);
+      c.fillText(this.panel.logarithmic ? numberAt(value) : fixed(value, vertical.decimals), left - 6, y);
     }
     const [a, b] = this.view.horizontal, names = this.chart.names;
     const horizontal = names.length ? { values: names.map((_, k) => k).filter((k) => k >= a && k <= b), decimals: 0 } : ticks(a, b, Math.max(2, Math.floor(width / 90)));
@@ -68,9 +98,9 @@ export class Panel {
     for (const value of horizontal.values) {
       const x = Math.round(this.x(value)) + 0.5;
       c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke();
-      if (last) c.fillText(names.length ? names[value] : fixed(value, horizontal.decimals), x, top + height + 6);
+      if (last) lines(names.length ? names[value] : fixed(value, horizontal.decimals)).forEach((line, k) => c.fillText(line, x, top + height + 6 + 14 * k));
     }
-    if (last) { c.fillStyle = col.text; c.fillText(this.chart.horizontal_title, left + width / 2, top + height + 23, width); }
+    if (last) { c.fillStyle = col.text; c.fillText(this.chart.horizontal_title, left + width / 2, top + height + foot(this.chart) - 17, width); }
     c.strokeStyle = col.axis; c.beginPath(); c.moveTo(left + 0.5, top); c.lineTo(left + 0.5, top + height + 0.5); c.lineTo(left + width, top + height + 0.5); c.stroke();
   }
 
