@@ -21,6 +21,7 @@ use std::{
 
 use loadmodeld::{
     adapters::{
+        http::client::{Call, CallError},
         wire::v1::encode_batch_json,
         zenoh::{self, Encoding, Keys, Mode, Session, ZenohError, ZenohOptions},
     },
@@ -35,6 +36,8 @@ const PROGRAM: &str = env!("CARGO_BIN_EXE_loadmodeld");
 /// The default prefix, which the Python example uses; every daemon has its own loopback port.
 const PREFIX: &str = "loadmodel/v1";
 const SITE: &str = "site-02";
+/// The token of every daemon here.
+const TOKEN: &str = "a-token-of-the-tests";
 /// Events of the bundled site that are replayed: enough to fit on some and hold out others.
 const EVENTS: [&str; 6] = ["03", "05", "06", "07", "08", "10"];
 /// Longest wait for anything; generous, because a machine may be busy.
@@ -261,6 +264,108 @@ fn a_real_recording_is_fitted_where_it_is_a_load_and_refused_where_it_is_transit
 }
 
 #[test]
+fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
+    let place = Place::diagnosing(&site_table("demo"));
+    let daemon = place.start();
+    let runtime = runtime();
+    let session = runtime.block_on(daemon.session());
+    let keys = Keys::new(PREFIX);
+    let diagnoses = runtime
+        .block_on(zenoh::documents(&session, &keys.diagnosis("demo")))
+        .unwrap();
+    let next = || -> Value {
+        let document = runtime.block_on(async {
+            tokio::time::timeout(LIMIT, diagnoses.next())
+                .await
+                .expect("a diagnosis in time")
+        });
+        serde_json::from_str(&document.unwrap()).unwrap()
+    };
+    daemon.replay(&bundled("demo"));
+
+    let first = next();
+    assert_eq!(first["status"], "missing_effect", "{}", first["summary"]);
+    assert_eq!(first["version"], 1);
+    let effect = first["answer_set"][0].as_str().unwrap().to_owned();
+    let latest = daemon.get("/api/v1/sites/demo/diagnoses/latest");
+    assert_eq!(latest.0, 200);
+    assert_eq!(serde_json::from_str::<Value>(&latest.1).unwrap(), first);
+    let asked = zenoh::ask(&session, &keys.diagnosis("demo"), Duration::from_secs(30));
+    let answer: Value = serde_json::from_str(&runtime.block_on(asked).unwrap()).unwrap();
+    assert_eq!(answer, first, "the answer is what was published");
+
+    let path = "/api/v1/sites/demo/structure";
+    let add = format!("{{\"add\": \"{effect}\", \"actor\": \"engineer\"}}");
+    assert_eq!(daemon.post(path, None, &add).0, 401);
+    assert_eq!(daemon.post(path, Some("not the token at all"), &add).0, 401);
+    let unknown = daemon.post(path, Some(TOKEN), "{\"add\": \"magic\"}");
+    assert_eq!(unknown.0, 422, "{}", unknown.1);
+    let (status, body) = daemon.post(path, Some(TOKEN), &add);
+    assert_eq!(status, 202, "{body}");
+
+    let second = next();
+    let structure = second["structure"].as_array().unwrap();
+    assert!(
+        structure.contains(&Value::from(effect.as_str())),
+        "{second}"
+    );
+    let error = |diagnosis: &Value| diagnosis["error_to_noise"].as_f64().unwrap();
+    assert!(
+        error(&second) < 0.7 * error(&first),
+        "{} then {}",
+        error(&first),
+        error(&second)
+    );
+    let set = wait_for("a set with the effect", || {
+        let (status, body) = daemon.get("/api/v1/sites/demo/parameters");
+        let set: Value = serde_json::from_str(&body).ok()?;
+        let parts = set["structure"].as_array()?;
+        (status == 200 && parts.contains(&Value::from(effect.as_str()))).then_some(set)
+    });
+    assert_eq!(set["verdict"]["status"], "pass", "{set}");
+    let history: Value = serde_json::from_str(&daemon.get(path).1).unwrap();
+    assert_eq!(history[0]["actor"], "http: engineer");
+    assert_eq!(history[1]["origin"], "configuration");
+    let line = "loadmodeld_diagnoses_total{status=\"missing_effect\"} 1";
+    assert!(daemon.get("/metrics").1.contains(line));
+    assert!(daemon.terminate().success());
+}
+
+#[test]
+fn a_site_is_fitted_with_the_effects_and_the_effect_file_that_the_configuration_names() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let file = root.join("examples/effects/recovery_from_file.toml");
+    let structure = "structure = [\"zip\", \"induction_motor\", \"frequency_scaled_power\"]";
+    let place = Place::with(&format!(
+        "{structure}\n[effects]\nfiles = [\"{}\"]\n",
+        file.display()
+    ));
+    let daemon = place.start();
+    daemon.replay(&place.site_folder());
+    let set: Value = serde_json::from_str(&daemon.wait_for_set()).unwrap();
+    assert_eq!(set["structure"][2], "frequency_scaled_power");
+
+    let server = format!("http://{}", daemon.http);
+    let token = place.directory.path().join("token").display().to_string();
+    let structure = |arguments: &[&str]| {
+        let output = Command::new(PROGRAM)
+            .args(["structure", SITE, "--server", &server])
+            .args(arguments)
+            .output()
+            .unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        (output.status.success(), text)
+    };
+    let (ok, history) = structure(&[]);
+    assert!(ok && history.contains("configuration"), "{history}");
+    let add = ["--add", "recovery_from_file"];
+    assert!(!structure(&add).0, "no token");
+    let (ok, told) = structure(&[&add[..], &["--token-file", &token]].concat());
+    assert!(ok && told.contains("+recovery_from_file"), "{told}");
+    assert!(daemon.terminate().success());
+}
+
+#[test]
 fn wrong_usage_and_unusable_configurations_have_their_exit_codes() {
     let code = |arguments: &[&str]| {
         let output = Command::new(PROGRAM).args(arguments).output().unwrap();
@@ -286,18 +391,31 @@ impl Place {
         Self::with("")
     }
 
+    /// Without diagnoses, which only one test looks at.
     fn with(more: &str) -> Self {
+        Self::configured(false, more)
+    }
+
+    fn diagnosing(more: &str) -> Self {
+        Self::configured(true, more)
+    }
+
+    fn configured(diagnose: bool, more: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
+        let token = directory.path().join("token");
+        fs::write(&token, TOKEN).unwrap();
         let text = format!(
             "[instance]\nname = \"tested\"\n\
              [zenoh]\nprefix = \"{PREFIX}\"\nlisten = [\"tcp/127.0.0.1:0\"]\n\
              [store]\npath = \"{}\"\n\
-             [http]\nlisten = \"127.0.0.1:0\"\n\
+             [http]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"{}\"\n\
              [log]\nformat = \"json\"\n\
              [measurement]\nsilence_s = 1\n\
              [identification]\nsettle_s = 2\nmax_tiers = 0\n\
+             [diagnosis]\nenabled = {diagnose}\nmax_refits = 4\n\
              [[site]]\nname = \"{SITE}\"\ns_base_mva = 200\nv_base_kv = 23\nnominal_hz = 60\n{more}",
-            directory.path().join("store.sqlite").display()
+            directory.path().join("store.sqlite").display(),
+            token.display()
         );
         fs::write(directory.path().join("config.toml"), text).unwrap();
         Self { directory }
@@ -417,6 +535,22 @@ impl Daemon {
             head.split(' ').nth(1).unwrap().parse().unwrap(),
             body.to_owned(),
         )
+    }
+
+    /// Status and body of the answer to JSON.
+    fn post(&self, path: &str, token: Option<&str>, body: &str) -> (u16, String) {
+        let server = format!("http://{}", self.http);
+        let call = Call {
+            server: &server,
+            path,
+            token,
+            body: Some(body),
+        };
+        match call.answer() {
+            Ok(body) => (202, body),
+            Err(CallError::Refused { status, reason, .. }) => (status, reason),
+            Err(other) => panic!("{other}"),
+        }
     }
 
     /// The set in force, as soon as there is one.
@@ -545,6 +679,22 @@ fn batch(value: impl Fn(usize) -> f64) -> Vec<u8> {
         quality: vec![Quality::GOOD; count],
     };
     encode_batch_json(&batch, 60.0).unwrap()
+}
+
+/// The folder of a bundled site.
+fn bundled(site: &str) -> PathBuf {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    root.join("demo-data").join(site)
+}
+
+/// The table of a bundled site.
+fn site_table(site: &str) -> String {
+    let text = fs::read_to_string(bundled(site).join("site.json")).unwrap();
+    let document: Value = serde_json::from_str(&text).unwrap();
+    format!(
+        "[[site]]\nname = \"{site}\"\ns_base_mva = {}\nv_base_kv = {}\nnominal_hz = {}\n",
+        document["base_mva"], document["base_kv"], document["nominal_hz"]
+    )
 }
 
 /// The tables of a site whose recorder has these voltage and current channels.

@@ -17,21 +17,28 @@ pub struct CheckConfigArgs {
     pub json: bool,
 }
 
-/// Checks a file and writes what was found to `out`; says whether it can be used.
+/// Checks a file, and the effect files that it and the command line name, and writes what was found to `out`; says whether it can be used.
 ///
 /// # Errors
 ///
 /// `out` cannot be written to.
-pub fn run(args: &CheckConfigArgs, out: &mut dyn io::Write) -> Result<bool, io::Error> {
-    let outcome = Config::load(&args.file);
+pub fn run(
+    args: &CheckConfigArgs,
+    effect_files: &[PathBuf],
+    out: &mut dyn io::Write,
+) -> Result<bool, io::Error> {
+    let file_name = args.file.display().to_string();
+    let outcome = Config::load(&args.file).and_then(|config| {
+        config.register_effects(effect_files, &file_name)?;
+        Ok(config)
+    });
     let ok = outcome.is_ok();
     if args.json {
         let (sites, problems): (usize, Vec<serde_json::Value>) = match &outcome {
             Ok(config) => (config.sites.len(), Vec::new()),
             Err(problems) => (0, problems.list.iter().map(document).collect()),
         };
-        let file = args.file.display().to_string();
-        let answer = json!({"file": file, "ok": ok, "sites": sites, "problems": problems});
+        let answer = json!({"file": file_name, "ok": ok, "sites": sites, "problems": problems});
         writeln!(out, "{answer}")?;
         return Ok(ok);
     }
@@ -66,7 +73,7 @@ mod tests {
         let file = directory.path().join("test.toml");
         std::fs::write(&file, text).unwrap();
         let mut out = Vec::new();
-        let ok = run(&CheckConfigArgs { file, json }, &mut out).unwrap();
+        let ok = run(&CheckConfigArgs { file, json }, &[], &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
         (ok, text.replace(directory.path().to_str().unwrap(), "DIR"))
     }

@@ -1,31 +1,31 @@
 //! `loadmodeld compare`: model against measurement, as a table, a page, or JSON.
 
+mod side;
+
 use std::{
     fs,
     io::{self, Write},
-    path::{Path, PathBuf},
+    path::PathBuf,
 };
 
+use self::side::{Asked, Side};
 use super::fitting::{self, Events, FitArgs, SourceArgs, SourceError};
 use crate::{
     adapters::{
-        report::{self, Report, ReportError, Rival, Search},
-        wire::{
-            DocumentError,
-            v1::{ComparisonsV1, decode_parameter_set},
-        },
+        report::{self, Report, ReportError},
+        store::StoreError,
+        wire::{DocumentError, v1::ComparisonsV1},
     },
-    disturbance::Window,
     identification::{
-        self, Comparison, ErrorSummary, EventErrors, Identification, IdentificationError,
-        IdentificationOptions, ParameterSet, VerdictStatus,
+        Comparison, ErrorSummary, EventErrors, IdentificationError, ParameterSet, VerdictStatus,
     },
 };
 
 /// Holds a model against the measurements of a site folder.
 ///
-/// With --parameters the set of that file, otherwise one that is identified first. Prints a table
-/// of errors and writes one self-contained HTML report.
+/// With --parameters the set of that file, otherwise one that is identified first; with --with any
+/// set or structure, or two of them side by side. Prints a table of errors and writes one
+/// self-contained HTML report.
 #[derive(Clone, Debug, clap::Args)]
 pub struct CompareArgs {
     #[command(flatten)]
@@ -37,6 +37,11 @@ pub struct CompareArgs {
     /// Another parameter set (JSON) to draw beside it.
     #[arg(long, value_name = "FILE")]
     pub against: Option<PathBuf>,
+    /// What to hold against the measurements, given once or twice: a structure such as
+    /// `zip+induction_motor`, which is identified; a parameter set (JSON); or with --store the
+    /// version of a set.
+    #[arg(long = "with", value_name = "A", conflicts_with_all = ["parameters", "against", "structure"])]
+    pub with: Vec<String>,
     #[command(flatten)]
     #[allow(missing_docs, reason = "the flattened options bring their own help")]
     pub fit: FitArgs,
@@ -55,6 +60,23 @@ pub enum CompareError {
     /// The events.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// More than two sides.
+    #[error("--with may be given twice at most, not {given} times")]
+    TooMany {
+        /// How often it was given.
+        given: usize,
+    },
+    /// The store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The store holds no such version.
+    #[error("there is no version {version} of `{site}` in the store")]
+    NoVersion {
+        /// Site.
+        site: String,
+        /// Version.
+        version: u64,
+    },
     /// A parameter file cannot be read.
     #[error("cannot read parameters from {}", .path.display())]
     ReadParameters {
@@ -103,23 +125,19 @@ pub enum CompareError {
 /// See [`CompareError`].
 pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> {
     let events = fitting::events(&args.source)?;
-    let windows = &events.usable;
     let options = args.fit.options();
-    let source = match &args.parameters {
-        Some(path) => Source::File(Box::new(read_parameters(path)?)),
-        None => Source::Fit(Box::new(fitting::identify(&args.fit, &events, &options)?)),
-    };
-    let comparisons = identification::compare(source.set(), windows, &options)?;
-    let against = match &args.against {
-        Some(path) => Some(Against::new(path, windows, &options)?),
-        None => None,
-    };
-    let left_out = left_out(&events, &source, &comparisons);
+    let (first, second) = asked(args)?;
+    let store = args.source.store.as_deref();
+    let site = args.source.site.to_string_lossy();
+    let side = |asked: &Asked| Side::new(asked, (store, &site), &args.fit, &events, &options);
+    let first = side(&first)?;
+    let second = second.as_ref().map(side).transpose()?;
+    let left_out = left_out(&events, &first);
     let page = report::render(&Report {
-        set: source.set(),
-        comparisons: &comparisons,
-        rival: against.as_ref().map(Against::rival),
-        search: source.search(),
+        set: first.set(),
+        comparisons: &first.comparisons,
+        rival: second.as_ref().map(Side::as_rival),
+        search: first.search(),
         left_out: &left_out,
     })?;
     fs::write(&args.report, page).map_err(|source| CompareError::WriteReport {
@@ -127,107 +145,56 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
         source,
     })?;
     if args.json {
-        serde_json::to_writer(&mut *out, &ComparisonsV1::new(source.set(), &comparisons)?)?;
+        let mut document = ComparisonsV1::new(first.set(), &first.comparisons)?;
+        if let Some(second) = &second {
+            let other = ComparisonsV1::new(second.set(), &second.comparisons)?;
+            document.against = Some(Box::new(other));
+        }
+        serde_json::to_writer(&mut *out, &document)?;
         writeln!(out)?;
     } else {
-        print_table(source.set(), &comparisons, &left_out, out)?;
+        print_table(first.set(), &first.comparisons, &left_out, out)?;
+        if let Some(second) = &second {
+            writeln!(out, "\nheld against {}", second.label)?;
+            print_table(second.set(), &second.comparisons, &[], out)?;
+        }
         writeln!(out, "report {}", args.report.display())?;
     }
     Ok(())
 }
 
-/// Where the parameters come from.
-enum Source {
-    File(Box<ParameterSet>),
-    Fit(Box<Identification>),
-}
-
-impl Source {
-    fn set(&self) -> &ParameterSet {
-        match self {
-            Self::File(set) => set,
-            Self::Fit(identification) => &identification.set,
+/// What to hold against the measurements, and what beside it.
+fn asked(args: &CompareArgs) -> Result<(Asked, Option<Asked>), CompareError> {
+    let has_store = args.source.store.is_some();
+    let parse = |words: &String| Asked::parse(words, has_store);
+    match args.with.as_slice() {
+        [] => {
+            let first = match &args.parameters {
+                Some(path) => Asked::File(path.clone()),
+                None => Asked::Structure(args.fit.structure.clone()),
+            };
+            Ok((first, args.against.clone().map(Asked::File)))
         }
+        [first] => Ok((parse(first), None)),
+        [first, second] => Ok((parse(first), Some(parse(second)))),
+        more => Err(CompareError::TooMany { given: more.len() }),
     }
-
-    fn search(&self) -> Option<Search<'_>> {
-        match self {
-            Self::File(_) => None,
-            Self::Fit(identification) => Some(Search {
-                solutions: &identification.solutions,
-                directions: &identification.directions,
-                cost: identification.cost,
-            }),
-        }
-    }
-
-    fn refused(&self) -> &[(String, String)] {
-        match self {
-            Self::File(_) => &[],
-            Self::Fit(identification) => &identification.refused,
-        }
-    }
-}
-
-/// Another set on the same events.
-struct Against {
-    label: String,
-    set: ParameterSet,
-    comparisons: Vec<Comparison>,
-}
-
-impl Against {
-    fn new(
-        path: &Path,
-        windows: &[Window],
-        options: &IdentificationOptions,
-    ) -> Result<Self, CompareError> {
-        let set = read_parameters(path)?;
-        let label = path.file_stem().map_or_else(
-            || "other set".to_owned(),
-            |stem| stem.to_string_lossy().into_owned(),
-        );
-        Ok(Self {
-            label,
-            comparisons: identification::compare(&set, windows, options)?,
-            set,
-        })
-    }
-
-    fn rival(&self) -> Rival<'_> {
-        Rival {
-            label: &self.label,
-            set: &self.set,
-            comparisons: &self.comparisons,
-        }
-    }
-}
-
-fn read_parameters(path: &Path) -> Result<ParameterSet, CompareError> {
-    let document = fs::read_to_string(path).map_err(|source| CompareError::ReadParameters {
-        path: path.to_path_buf(),
-        source,
-    })?;
-    decode_parameter_set(&document).map_err(|source| CompareError::Parameters {
-        path: path.to_path_buf(),
-        source,
-    })
 }
 
 /// Events that are not in the comparison, with the reason.
-fn left_out(events: &Events, source: &Source, comparisons: &[Comparison]) -> Vec<(String, String)> {
+fn left_out(events: &Events, side: &Side) -> Vec<(String, String)> {
     let notes = events
         .notes
         .iter()
         .map(|note| ("note".to_owned(), note.clone()));
     let reason = |event: &str| {
-        let known = source.refused().iter().find(|(name, _)| name == event);
+        let known = side.refused().iter().find(|(name, _)| name == event);
         known.map_or("it cannot be simulated", |(_, reason)| reason.as_str())
     };
     let missing = events
         .usable
         .iter()
-        .filter(|window| comparisons.iter().all(|c| c.event != window.id))
+        .filter(|window| side.comparisons.iter().all(|c| c.event != window.id))
         .map(|window| (window.id.clone(), reason(&window.id).to_owned()));
     notes
         .chain(missing)
@@ -342,6 +309,7 @@ mod tests {
     use crate::{
         adapters::{bundled, report::fixture},
         disturbance::Trigger,
+        identification::IdentificationOptions,
         identification::Split,
     };
 
@@ -411,6 +379,22 @@ mod tests {
         assert!(parsed(&["dir", "--parameters", "p.json", "--train", "a"]).is_err());
         assert!(parsed(&["dir", "--parameters", "p.json", "--structure", "zip"]).is_err());
         assert!(parsed(&["dir", "--parameters", "p.json", "--against", "q.json"]).is_ok());
+        assert!(parsed(&["dir", "--with", "zip", "--structure", "zip"]).is_err());
+    }
+
+    #[test]
+    fn any_two_may_stand_side_by_side() {
+        let of = |words: &[&str]| asked(&parsed(words).unwrap());
+        let plain = || Asked::Structure("zip+induction_motor".to_owned());
+        assert_eq!(of(&["dir"]).unwrap(), (plain(), None));
+        let (first, second) =
+            of(&["dir", "--with", "zip+induction_motor", "--with", "q.json"]).unwrap();
+        assert_eq!(
+            (first, second),
+            (plain(), Some(Asked::File("q.json".into())))
+        );
+        let error = of(&["dir", "--with", "a", "--with", "b", "--with", "c"]).unwrap_err();
+        assert!(error.to_string().contains("not 3 times"), "{error}");
     }
 
     #[test]

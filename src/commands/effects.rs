@@ -2,18 +2,20 @@
 //! effect file is sound.
 
 use std::{
-    fs::File,
-    io::{self, Read, Write},
+    io::Write,
     path::{Path, PathBuf},
 };
 
 use serde_json::{Value, json};
 
 use super::Error;
-use crate::load_model::{
-    effect::{Declaration, Kind, Parameter, Role, Scale, page},
-    effects,
-    user_effects::{EffectFile, FILE_BYTES_MAX, Problem},
+use crate::{
+    adapters::effect_files,
+    load_model::{
+        effect::{Declaration, Kind, Parameter, Role, Scale, page},
+        effects,
+        user_effects::{EffectFile, Problem},
+    },
 };
 
 /// Arguments of `effects`.
@@ -82,22 +84,11 @@ pub(super) fn register(paths: &[PathBuf]) -> Result<(), Error> {
     effects::register(files).map_err(Error::other)
 }
 
-/// The text of a file; of a longer one than allowed a little more than allowed.
 fn text_of(path: &Path) -> Result<String, Error> {
-    let error = |source| Error::File {
+    effect_files::read(path).map_err(|source| Error::File {
         path: path.to_path_buf(),
         source,
-    };
-    let mut bytes = Vec::new();
-    let limit = FILE_BYTES_MAX as u64 + 1;
-    let file = File::open(path).map_err(error)?;
-    file.take(limit).read_to_end(&mut bytes).map_err(error)?;
-    if bytes.len() > FILE_BYTES_MAX {
-        // Refused for its size, whatever the limit has cut.
-        return Ok(String::from_utf8_lossy(&bytes).into_owned());
-    }
-    let invalid = |e| error(io::Error::new(io::ErrorKind::InvalidData, e));
-    String::from_utf8(bytes).map_err(invalid)
+    })
 }
 
 fn lines(path: &Path, problems: &[Problem]) -> String {

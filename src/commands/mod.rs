@@ -8,16 +8,20 @@ pub mod check_config;
 pub mod compare;
 mod connection;
 pub mod demo;
+pub mod diagnose;
+mod diagnosing;
 pub mod effects;
 mod error;
 mod fitting;
 pub mod generate;
 pub mod identify;
+pub mod improve;
 pub mod inspect;
 pub mod profile;
 pub mod replay;
 pub mod run;
 pub mod solutions;
+pub mod structure;
 pub mod subscribe;
 
 use std::{
@@ -39,9 +43,8 @@ pub use error::Error;
 #[derive(Debug, Parser)]
 #[command(name = "loadmodeld", version, about, long_about = None, after_help = AFTER_HELP)]
 struct CommandLine {
-    /// Effect written in a TOML file, beside those of the catalogue; may be given several times,
-    /// before the command
-    #[arg(long = "effect-file", value_name = "FILE")]
+    /// Effect written in a TOML file, beside those of the catalogue; may be given several times
+    #[arg(long = "effect-file", value_name = "FILE", global = true)]
     effect_files: Vec<PathBuf>,
     #[command(subcommand)]
     command: Command,
@@ -72,6 +75,10 @@ enum Command {
     Compare(compare::CompareArgs),
     /// Fit a site folder, list all solutions, validate
     Identify(identify::IdentifyArgs),
+    /// Say where the model fails and which effect is missing
+    Diagnose(diagnose::DiagnoseArgs),
+    /// Add what is missing, refit, until nothing more is; show the error fall
+    Improve(improve::ImproveArgs),
     /// Follow the profile likelihood of parameters: confidence intervals, plot
     Profile(profile::ProfileArgs),
     /// Tell every local solution of a fit, how each was found, and whether a scan finds more
@@ -80,6 +87,8 @@ enum Command {
     Inspect(inspect::InspectArgs),
     /// List effects, show one, check effect files
     Effects(effects::EffectsArgs),
+    /// Show or change which model a site of a service is to have
+    Structure(structure::StructureArgs),
     /// Make synthetic sites whose truth is known
     Generate(generate::GenerateArgs),
     /// Print a completion script for a shell
@@ -88,11 +97,16 @@ enum Command {
     Man,
 }
 
-fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
+/// `effect_files` are those of the command line. A configuration may name more, and all must be made
+/// known at one time.
+fn dispatch(command: Command, effect_files: &[PathBuf], out: &mut dyn Write) -> Result<(), Error> {
+    if !matches!(command, Command::Run(_) | Command::CheckConfig(_)) {
+        effects::register(effect_files)?;
+    }
     match command {
-        Command::Run(args) => run::run(&args),
+        Command::Run(args) => run::run(&args, effect_files),
         Command::CheckConfig(args) => {
-            if check_config::run(&args, out)? {
+            if check_config::run(&args, effect_files, out)? {
                 Ok(())
             } else {
                 Err(Error::UnusableConfiguration)
@@ -103,10 +117,13 @@ fn dispatch(command: Command, out: &mut dyn Write) -> Result<(), Error> {
         Command::Subscribe(args) => subscribe::run(&args, out),
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
+        Command::Diagnose(args) => diagnose::run(&args, out).map_err(Error::other),
+        Command::Improve(args) => improve::run(&args, out).map_err(Error::other),
         Command::Profile(args) => profile::run(&args, out).map_err(Error::other),
         Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Effects(args) => effects::run(&args, out),
+        Command::Structure(args) => structure::run(&args, out),
         Command::Generate(args) => generate::run(&args, out).map_err(Error::other),
         Command::Completions(args) => completions(&args, out),
         Command::Man => manual(out),
@@ -131,8 +148,11 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
-    let outcome = effects::register(&command_line.effect_files)
-        .and_then(|()| dispatch(command_line.command, &mut io::stdout().lock()));
+    let outcome = dispatch(
+        command_line.command,
+        &command_line.effect_files,
+        &mut io::stdout().lock(),
+    );
     let Err(error) = outcome else {
         return ExitCode::SUCCESS;
     };

@@ -24,13 +24,15 @@ pub struct RunArgs {
     config: PathBuf,
 }
 
-/// Runs the daemon until SIGTERM or SIGINT.
+/// Runs the daemon until SIGTERM or SIGINT, with the effects of `effect_files` beside those that the
+/// configuration names.
 ///
 /// # Errors
 ///
 /// [`Error`] when the configuration cannot be used, or the daemon does not start or end well.
-pub fn run(args: &RunArgs) -> Result<(), Error> {
+pub fn run(args: &RunArgs, effect_files: &[PathBuf]) -> Result<(), Error> {
     let config = Config::load(&args.config)?;
+    config.register_effects(effect_files, &args.config.display().to_string())?;
     let settings = Settings::from_config(&config)?;
     logging::set_up(log_format(config.log.format), &config.log.level)?;
     super::block_on(async {

@@ -30,8 +30,12 @@ pub struct Config {
     pub screening: ScreeningOptions,
     /// `[identification]`
     pub identification: IdentificationConfig,
+    /// `[diagnosis]`
+    pub diagnosis: DiagnosisConfig,
     /// `[publishing]`
     pub publishing: PublishingConfig,
+    /// `[effects]`: files of effects beside those of the catalogue.
+    pub effect_files: Vec<PathBuf>,
     /// `[[site]]`, in the order of the file; names are unique.
     pub sites: Vec<SiteConfig>,
 }
@@ -51,6 +55,7 @@ impl Config {
             concentrator: self.measurement.concentrator.clone(),
             detection: self.detection,
             screening: self.screening,
+            structure: self.identification.structure.clone(),
             recordings: Vec::new(),
         }
     }
@@ -157,12 +162,14 @@ pub struct RetentionConfig {
 }
 
 /// Page, metrics and health.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct HttpConfig {
     /// Address to listen on; none switches the server off.
     pub listen: Option<SocketAddr>,
     /// Rows of one answer at most.
     pub rows_max: usize,
+    /// File of the token; none: the credential of systemd, if there is one.
+    pub token_file: Option<PathBuf>,
 }
 
 impl Default for HttpConfig {
@@ -170,6 +177,7 @@ impl Default for HttpConfig {
         Self {
             listen: Some(SocketAddr::from(([127, 0, 0, 1], 9464))),
             rows_max: 200,
+            token_file: None,
         }
     }
 }
@@ -331,6 +339,27 @@ impl Default for IdentificationConfig {
     }
 }
 
+/// Diagnoses in the background.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DiagnosisConfig {
+    /// Whether sites are diagnosed.
+    pub enabled: bool,
+    /// Usable events from which on a site is diagnosed.
+    pub min_events: usize,
+    /// Effects that are refitted of those that the screen puts first.
+    pub max_refits: usize,
+}
+
+impl Default for DiagnosisConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            min_events: 4,
+            max_refits: 8,
+        }
+    }
+}
+
 /// What is published.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct PublishingConfig {
@@ -351,6 +380,8 @@ pub struct SiteConfig {
     pub detection: DetectorOptions,
     /// Screening.
     pub screening: ScreeningOptions,
+    /// Parts of the model, until somebody says otherwise.
+    pub structure: Vec<String>,
     /// How recorders' files are read; names are unique within the site.
     pub recordings: Vec<RecordingConfig>,
 }

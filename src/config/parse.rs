@@ -5,9 +5,9 @@ use std::{net::SocketAddr, path::PathBuf};
 use toml::de::{DeTable, DeValue};
 
 use super::{
-    Config, HttpConfig, IdentificationConfig, InstanceConfig, LogConfig, LogFormatConfig,
-    MeasurementConfig, PublishingConfig, RobustConfig, StoreConfig, WorkersConfig, ZenohConfig,
-    ZenohMode, ZipBox,
+    Config, DiagnosisConfig, HttpConfig, IdentificationConfig, InstanceConfig, LogConfig,
+    LogFormatConfig, MeasurementConfig, PublishingConfig, RobustConfig, StoreConfig, WorkersConfig,
+    ZenohConfig, ZenohMode, ZipBox,
     problems::{Problem, place},
     section::{Findings, Section},
     site,
@@ -49,6 +49,8 @@ pub(super) fn config(text: &str) -> (Config, Findings) {
         root.section("identification"),
         &mut config.identification,
     ));
+    findings.add(diagnosis(root.section("diagnosis"), &mut config.diagnosis));
+    findings.add(effects(root.section("effects"), &mut config.effect_files));
     findings.add(publishing(
         root.section("publishing"),
         &mut config.publishing,
@@ -123,6 +125,9 @@ fn http(mut section: Section<'_>, to: &mut HttpConfig) -> Findings {
         })
     });
     section.count("rows_max", &mut to.rows_max, (1, 10_000));
+    section.text("token_file", &mut to.token_file, |text| {
+        Ok((!text.is_empty()).then(|| PathBuf::from(text)))
+    });
     section.finish()
 }
 
@@ -295,14 +300,22 @@ pub(super) fn screening(mut section: Section<'_>, to: &mut ScreeningOptions) -> 
     section.finish()
 }
 
-fn identification(mut section: Section<'_>, to: &mut IdentificationConfig) -> Findings {
-    const LOSSES: [(&str, RobustConfig); 3] = [
-        ("off", RobustConfig::Off),
-        ("huber", RobustConfig::Huber),
-        ("cauchy", RobustConfig::Cauchy),
-    ];
-    const BOXES: [(&str, ZipBox); 2] = [("wide", ZipBox::Wide), ("paper", ZipBox::Paper)];
-    section.texts("structure", &mut to.structure, |text| {
+fn diagnosis(mut section: Section<'_>, to: &mut DiagnosisConfig) -> Findings {
+    section.flag("enabled", &mut to.enabled);
+    section.count("min_events", &mut to.min_events, (1, 1000));
+    section.count("max_refits", &mut to.max_refits, (1, 100));
+    section.finish()
+}
+
+fn effects(mut section: Section<'_>, to: &mut Vec<PathBuf>) -> Findings {
+    section.texts("files", to, path);
+    section.finish()
+}
+
+/// The names of a model's parts; whether there are such parts is known once effect files have been
+/// read.
+pub(super) fn structure(section: &mut Section<'_>, to: &mut Vec<String>) {
+    section.texts("structure", to, |text| {
         let named = !text.is_empty()
             && text
                 .chars()
@@ -313,13 +326,23 @@ fn identification(mut section: Section<'_>, to: &mut IdentificationConfig) -> Fi
             Err("names of model parts such as \"zip\", \"induction_motor\"".into())
         }
     });
-    if to.structure.is_empty() {
+    if to.is_empty() {
         section.object(
             "structure",
             "a model needs a part",
             "at least one name of a model part",
         );
     }
+}
+
+fn identification(mut section: Section<'_>, to: &mut IdentificationConfig) -> Findings {
+    const LOSSES: [(&str, RobustConfig); 3] = [
+        ("off", RobustConfig::Off),
+        ("huber", RobustConfig::Huber),
+        ("cauchy", RobustConfig::Cauchy),
+    ];
+    const BOXES: [(&str, ZipBox); 2] = [("wide", ZipBox::Wide), ("paper", ZipBox::Paper)];
+    structure(&mut section, &mut to.structure);
     section.count("min_joint_events", &mut to.min_joint_events, (1, 1000));
     section.count("max_joint_events", &mut to.max_joint_events, (1, 1000));
     section.seconds("settle_s", &mut to.settle, (0.0, 86_400.0));

@@ -6,7 +6,7 @@ use toml::de::DeValue;
 
 use super::{
     Config, RecordingConfig, SiteConfig, VoltageConnection,
-    parse::{concentrator, detection, screening},
+    parse::{concentrator, detection, screening, structure},
     section::{Findings, Section},
 };
 use crate::measurement::{Channel, ConcentratorOptions, Site};
@@ -34,6 +34,7 @@ pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings
             );
         }
         streams(&mut section, &mut site.concentrator);
+        structure(&mut section, &mut site.structure);
         findings.add(detection(section.section("detection"), &mut site.detection));
         findings.add(screening(section.section("screening"), &mut site.screening));
         findings.add(recordings(&mut section, &mut site));

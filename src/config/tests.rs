@@ -137,7 +137,7 @@ v_base_kv = 110
             "bad.toml:13:1: site.nominal_hz: missing; allowed: the nominal frequency, 10 to 100 Hz",
             "bad.toml:14:8: site.name: \"a b\" is not admissible; allowed: 1 to 128 bytes, none of / * $ ? # or space, not beginning with @ or .",
             "bad.toml:15:14: site.s_base_mva: -1 is not admissible; allowed: 0.001 to 1000000",
-            "bad.toml:18:2: unknown: unknown key; allowed: instance, zenoh, store, http, log, workers, measurement, detection, screening, identification, publishing, site",
+            "bad.toml:18:2: unknown: unknown key; allowed: instance, zenoh, store, http, log, workers, measurement, detection, screening, identification, diagnosis, effects, publishing, site",
         ]
     );
 }

@@ -16,10 +16,10 @@ use tokio::sync::mpsc::UnboundedSender;
 use super::status::StatusBoard;
 use crate::{
     adapters::{
-        store::Store,
+        store::{Store, StoreError, StoredDiagnosis, StoredSet},
         zenoh::{Keys, Question},
     },
-    service::{AskedSet, Event},
+    service::{AskedDocument, DocumentKind, Event},
     telemetry::sets::QueryOutcome,
 };
 
@@ -34,8 +34,8 @@ pub(super) struct Waiting {
 /// What the answering thread is to do.
 #[derive(Debug)]
 pub(super) enum Task {
-    /// Answer with a set.
-    Set(Question, AskedSet),
+    /// Answer with a set or a diagnosis.
+    Document(Question, AskedDocument),
     /// Answer with an error.
     Refuse(Question, String),
     /// Answer with the status.
@@ -63,8 +63,8 @@ impl Waiting {
     }
 }
 
-/// Sorts questions: those for the status are answered as they are, those for parameter sets go to
-/// the core. Ends when the entrance of the queue is dropped.
+/// Sorts questions: those for the status are answered as they are, those for parameter sets and
+/// diagnoses go to the core. Ends when the entrance of the queue is dropped.
 pub(super) fn spawn_sorter(
     keys: Keys,
     waiting: Arc<Waiting>,
@@ -76,15 +76,15 @@ pub(super) fn spawn_sorter(
         .name("questions".to_owned())
         .spawn(move || {
             for question in questions {
-                let Some(site) = keys.site_of_parameters(question.key()) else {
+                let Some((kind, site)) = addressed(&keys, question.key()) else {
                     if tasks.send(Task::Status(question)).is_err() {
                         return;
                     }
                     continue;
                 };
-                let asked = asked(site, question.parameter("version"));
+                let asked = asked(kind, site, question.parameter("version"));
                 let selector = question.selector();
-                let event = Event::ParametersAsked {
+                let event = Event::DocumentAsked {
                     question: waiting.keep(question),
                     selector,
                     asked,
@@ -114,7 +114,7 @@ pub(super) fn spawn_answerer(
                         let document = board.document();
                         question.answer(&keys.status(board.instance()), &document);
                     }
-                    Task::Set(question, asked) => {
+                    Task::Document(question, asked) => {
                         let outcome = answer(store.as_ref(), &keys, &question, &asked);
                         let selector = question.selector();
                         events
@@ -126,7 +126,15 @@ pub(super) fn spawn_answerer(
         })
 }
 
-fn asked(site: &str, version: Option<&str>) -> Result<AskedSet, String> {
+/// Whether a key is that of parameter sets or of diagnoses, and its site.
+fn addressed<'k>(keys: &Keys, key: &'k str) -> Option<(DocumentKind, &'k str)> {
+    let set = keys.site_of_parameters(key);
+    let diagnosis = || keys.site_of_diagnosis(key);
+    set.map(|site| (DocumentKind::Set, site))
+        .or_else(|| diagnosis().map(|site| (DocumentKind::Diagnosis, site)))
+}
+
+fn asked(kind: DocumentKind, site: &str, version: Option<&str>) -> Result<AskedDocument, String> {
     let version = version
         .map(|text| {
             text.parse::<u64>()
@@ -136,22 +144,26 @@ fn asked(site: &str, version: Option<&str>) -> Result<AskedSet, String> {
     if site.contains('*') || site.contains('$') {
         return Err(format!("`{site}` names no single site"));
     }
-    Ok(AskedSet {
+    Ok(AskedDocument {
+        kind,
         site: site.to_owned(),
         version,
     })
 }
 
-fn answer(store: &dyn Store, keys: &Keys, question: &Question, asked: &AskedSet) -> QueryOutcome {
-    // The newest set is on its key or about to be: whoever has just received it is told nothing
-    // older, although the store may not know yet that it is there.
-    let found = match asked.version {
-        Some(version) => store.set(&asked.site, version),
-        None => store.newest_set(&asked.site),
-    };
-    match found {
-        Ok(Some(set)) => {
-            question.answer(&keys.parameters(&asked.site), &set.document);
+fn answer(
+    store: &dyn Store,
+    keys: &Keys,
+    question: &Question,
+    asked: &AskedDocument,
+) -> QueryOutcome {
+    match found(store, asked) {
+        Ok(Some(document)) => {
+            let key = match asked.kind {
+                DocumentKind::Set => keys.parameters(&asked.site),
+                DocumentKind::Diagnosis => keys.diagnosis(&asked.site),
+            };
+            question.answer(&key, &document);
             QueryOutcome::Answered
         }
         Ok(None) => {
@@ -166,15 +178,35 @@ fn answer(store: &dyn Store, keys: &Keys, question: &Question, asked: &AskedSet)
     }
 }
 
-fn not_found(store: &dyn Store, asked: &AskedSet) -> String {
+/// What was asked for. The newest is on its key or about to be: whoever has just received it is told
+/// nothing older, although the store may not know yet that it is there.
+fn found(store: &dyn Store, asked: &AskedDocument) -> Result<Option<String>, StoreError> {
+    let site = &asked.site;
+    let set = |found: Option<StoredSet>| found.map(|set| set.document);
+    let diagnosis = |found: Option<StoredDiagnosis>| found.and_then(|found| found.document);
+    match (asked.kind, asked.version) {
+        (DocumentKind::Set, Some(version)) => store.set(site, version).map(set),
+        (DocumentKind::Set, None) => store.newest_set(site).map(set),
+        (DocumentKind::Diagnosis, Some(version)) => store.diagnosis(site, version).map(diagnosis),
+        (DocumentKind::Diagnosis, None) => store.newest_diagnosis(site).map(diagnosis),
+    }
+}
+
+fn not_found(store: &dyn Store, asked: &AskedDocument) -> String {
     let site = &asked.site;
     let known = store
         .sites()
         .is_ok_and(|sites| sites.iter().any(|s| s.name == *site));
     match asked.version {
         _ if !known => format!("there is no site `{site}`"),
-        Some(version) => format!("there is no version {version} of `{site}`"),
-        None => format!("no set of `{site}` has been published yet"),
+        Some(version) => match asked.kind {
+            DocumentKind::Set => format!("there is no version {version} of `{site}`"),
+            DocumentKind::Diagnosis => format!("there is no diagnosis {version} of `{site}`"),
+        },
+        None => match asked.kind {
+            DocumentKind::Set => format!("no set of `{site}` has been published yet"),
+            DocumentKind::Diagnosis => format!("`{site}` has not been diagnosed yet"),
+        },
     }
 }
 
@@ -185,13 +217,14 @@ mod tests {
     #[test]
     fn a_question_names_one_site_and_perhaps_a_version() {
         assert_eq!(
-            asked("north", Some("3")),
-            Ok(AskedSet {
+            asked(DocumentKind::Set, "north", Some("3")),
+            Ok(AskedDocument {
+                kind: DocumentKind::Set,
                 site: "north".to_owned(),
                 version: Some(3)
             })
         );
-        assert!(asked("north", Some("three")).is_err());
-        assert!(asked("*", None).is_err());
+        assert!(asked(DocumentKind::Set, "north", Some("three")).is_err());
+        assert!(asked(DocumentKind::Diagnosis, "*", None).is_err());
     }
 }

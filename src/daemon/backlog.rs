@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
+use super::structures;
 use crate::{
     adapters::store::{Store, StoreError, WindowQuery},
     disturbance::Screening,
-    service::{Backlog, BacklogPart, PendingSet},
+    service::{Backlog, BacklogPart, DocumentKind, PendingDocument},
 };
 
 /// Windows that are loaded at one time: each may hold megabytes.
@@ -23,8 +24,9 @@ pub(super) fn load(
         unpublished: unpublished(store)?,
         ..Backlog::default()
     };
-    if part != BacklogPart::Sets {
+    if part != BacklogPart::Unpublished {
         load_windows(store, &mut backlog)?;
+        backlog.restructured = structures::not_fitted(store)?;
     }
     if part == BacklogPart::Everything {
         for site in store.sites()? {
@@ -85,13 +87,25 @@ fn load_windows(store: &dyn Store, backlog: &mut Backlog) -> Result<(), StoreErr
     Ok(())
 }
 
-fn unpublished(store: &dyn Store) -> Result<Vec<PendingSet>, StoreError> {
+fn unpublished(store: &dyn Store) -> Result<Vec<PendingDocument>, StoreError> {
     let sets = store.unpublished_sets()?.into_iter();
-    Ok(sets
-        .map(|set| PendingSet {
+    let mut pending: Vec<PendingDocument> = sets
+        .map(|set| PendingDocument {
+            kind: DocumentKind::Set,
             site: set.site,
             version: set.version,
             document: set.document,
         })
-        .collect())
+        .collect();
+    for stored in store.unpublished_diagnoses()? {
+        if let Some(document) = stored.document {
+            pending.push(PendingDocument {
+                kind: DocumentKind::Diagnosis,
+                site: stored.site,
+                version: stored.version,
+                document,
+            });
+        }
+    }
+    Ok(pending)
 }

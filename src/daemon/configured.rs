@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::{Recorder, Settings, clock::nanoseconds};
 use crate::{
     adapters::{
-        http::HttpOptions,
+        http::{HttpOptions, TokenSource},
         recordings::{
             comtrade,
             mapping::{RecordingMapping, ThreePhase},
@@ -18,6 +18,7 @@ use crate::{
         Config, IdentificationConfig, RecordingConfig, RetentionConfig, RobustConfig, SiteConfig,
         VoltageConnection, ZenohConfig, ZenohMode, ZipBox,
     },
+    diagnosis::DiagnosisOptions,
     identification::{
         DecisionOptions, IdentificationOptions, RobustLoss, Split, joint_problem::PAPER_SHARES,
     },
@@ -58,6 +59,12 @@ impl Settings {
             http: HttpOptions {
                 listen: config.http.listen,
                 rows_max: config.http.rows_max,
+                open_pages: false,
+                token: config
+                    .http
+                    .token_file
+                    .clone()
+                    .map_or(TokenSource::Credential, TokenSource::File),
             },
             store_path: config.store.path.clone(),
             store: SqliteOptions::default(),
@@ -79,7 +86,6 @@ fn service(config: &Config) -> ServiceOptions {
     let (workers, fit) = (&config.workers, &config.identification);
     ServiceOptions {
         instance: config.instance.name.clone(),
-        structure: fit.structure.clone(),
         joint_events_min: fit.min_joint_events,
         joint_events_max: fit.max_joint_events,
         settle_ns: nanoseconds(fit.settle),
@@ -95,10 +101,28 @@ fn service(config: &Config) -> ServiceOptions {
         sweep_ns: nanoseconds(workers.sweep),
         shutdown_grace_ns: nanoseconds(config.instance.shutdown_grace),
         identification: identification(fit),
+        diagnose: config.diagnosis.enabled,
+        diagnosis_events_min: config.diagnosis.min_events,
+        diagnosis: diagnosis(config),
         decision: DecisionOptions {
             allow_unvalidated: config.publishing.allow_unvalidated,
             manual_approval: config.publishing.manual_approval,
         },
+    }
+}
+
+/// As the fits, but for the search: the plain model only has to be the start of others.
+fn diagnosis(config: &Config) -> DiagnosisOptions {
+    let defaults = DiagnosisOptions::default();
+    let fit = identification(&config.identification);
+    DiagnosisOptions {
+        identification: IdentificationOptions {
+            search: defaults.identification.search,
+            split: defaults.identification.split.clone(),
+            ..fit
+        },
+        refits_max: config.diagnosis.max_refits,
+        ..defaults
     }
 }
 
@@ -126,6 +150,7 @@ fn site(site: &SiteConfig) -> SiteOptions {
         concentrator: site.concentrator.clone(),
         detector: site.detection,
         screening: site.screening,
+        structure: site.structure.clone(),
     }
 }
 

@@ -17,6 +17,7 @@ pub(super) const fn job_kind(kind: WorkKind) -> JobKind {
     match kind {
         WorkKind::Event => JobKind::IdentifyEvent,
         WorkKind::Site => JobKind::IdentifySite,
+        WorkKind::Diagnosis => JobKind::DiagnoseSite,
     }
 }
 
@@ -25,6 +26,7 @@ pub(super) fn work_of(job: &Job) -> Work {
         kind: match job.kind {
             JobKind::IdentifyEvent => WorkKind::Event,
             JobKind::IdentifySite => WorkKind::Site,
+            JobKind::DiagnoseSite => WorkKind::Diagnosis,
         },
         site: job.site.clone(),
         subject: job.subject.clone(),

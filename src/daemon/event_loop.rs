@@ -34,7 +34,7 @@ use crate::{
         store::Store,
         zenoh::{Drops, Entrance, Exits, Keys, Link},
     },
-    service::{Command, Event, State},
+    service::{Command, DocumentKind, Event, State},
     telemetry::{
         Metrics, Occurrence,
         intake::{MessagesDropped, Source},
@@ -67,9 +67,13 @@ pub(super) struct Inbox {
 }
 
 impl Parts {
-    pub(super) fn assemble(self, exits: Exits) -> Result<(Loop, Inbox), DaemonError> {
+    /// `(events_sender, events)` is where everybody reports to the loop.
+    pub(super) fn assemble(
+        self,
+        exits: Exits,
+        (events_sender, events): (UnboundedSender<Event>, UnboundedReceiver<Event>),
+    ) -> Result<(Loop, Inbox), DaemonError> {
         let (decoded_sender, decoded) = mpsc::channel(DECODED_MAX);
-        let (events_sender, events) = mpsc::unbounded_channel();
         let (steps, steps_receiver) = std::sync::mpsc::channel();
         let (publisher, publisher_receiver) = mpsc::unbounded_channel();
         let (tasks, tasks_receiver) = sync_channel(answers::TASKS_MAX);
@@ -252,8 +256,19 @@ impl Loop {
 
     fn apply(&mut self, event: Event) -> Result<Next, DaemonError> {
         let started: Instant = clock::instant();
-        if matches!(event, Event::SetPublished { .. }) {
-            self.parts.board.update(|status| status.sets_published += 1);
+        match event {
+            Event::Published {
+                kind: DocumentKind::Set,
+                ..
+            } => self.parts.board.update(|status| status.sets_published += 1),
+            Event::Published {
+                kind: DocumentKind::Diagnosis,
+                ..
+            } => self
+                .parts
+                .board
+                .update(|status| status.diagnoses_published += 1),
+            _ => {}
         }
         let commands = self.state.apply(clock::now_ns(), event);
         let mut next = Next::Continue;
@@ -275,7 +290,7 @@ impl Loop {
             Command::CancelFit { job } => self.outlets.fits.cancel(job),
             Command::Answer { question, asked } => {
                 if let Some(question) = self.outlets.waiting.take(question) {
-                    self.give_task(Task::Set(question, asked));
+                    self.give_task(Task::Document(question, asked));
                 }
             }
             Command::Refuse { question, reason } => {
@@ -283,7 +298,7 @@ impl Loop {
                     self.give_task(Task::Refuse(question, reason));
                 }
             }
-            Command::PublishSet(_) | Command::Announce { .. } => self
+            Command::Publish(_) | Command::Announce { .. } => self
                 .outlets
                 .publisher
                 .send(command)

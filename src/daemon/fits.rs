@@ -1,4 +1,4 @@
-//! Fits on threads of their own, each with a flag that cancels it. What a panic would take down is
+//! Fits and diagnoses on threads of their own, each with a flag that cancels it. What a panic would take down is
 //! caught and reported: a defect in one fit must not end the service.
 
 use std::{
@@ -13,7 +13,14 @@ use std::{
 
 use tokio::sync::mpsc::UnboundedSender;
 
-use super::{clock, convert::job_kind, inputs::inputs_hash, settings::Settings};
+use super::{
+    clock,
+    convert::job_kind,
+    diagnoses::{self, Inputs},
+    inputs::inputs_hash,
+    settings::Settings,
+    structures,
+};
 use crate::{
     adapters::store::{Store, StoreError, StoredFit},
     disturbance::Window,
@@ -116,8 +123,19 @@ impl Fit {
             return Ok(no_set("no waveforms are kept any more".to_owned()));
         }
         let options = &self.settings.service;
+        let structure = structures::in_force(self.store.as_ref(), &self.settings, &site.name)?;
+        let cancel = || self.cancel.load(Ordering::Relaxed);
+        if self.work.kind == WorkKind::Diagnosis {
+            let inputs = Inputs {
+                site: &site,
+                windows: &windows,
+                structure: &structure,
+                options,
+            };
+            return diagnoses::diagnose(self.store.as_ref(), &inputs, &cancel);
+        }
         let ids: Vec<String> = windows.iter().map(|w| w.id.clone()).collect();
-        let inputs_hash = inputs_hash(&ids, options);
+        let inputs_hash = inputs_hash(&ids, &structure, options);
         if let Some(known) = self.known(&inputs_hash, &windows)? {
             return Ok(known);
         }
@@ -125,9 +143,9 @@ impl Fit {
         let fitted = identify(
             &site,
             &windows,
-            &options.structure,
+            &structure,
             &options.identification,
-            &|| self.cancel.load(Ordering::Relaxed),
+            &cancel,
         );
         Ok(match fitted {
             Ok(mut identification) => {
@@ -159,7 +177,7 @@ impl Fit {
     fn windows(&self) -> Result<Vec<Window>, StoreError> {
         match self.work.kind {
             WorkKind::Event => Ok(self.store.window(&self.work.subject)?.into_iter().collect()),
-            WorkKind::Site => self
+            WorkKind::Site | WorkKind::Diagnosis => self
                 .store
                 .usable_windows(&self.work.site, self.settings.service.joint_events_max),
         }

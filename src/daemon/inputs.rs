@@ -1,16 +1,41 @@
-//! What a fit depends on, as one hash: the same hash, the same fit.
+//! What a fit or a diagnosis depends on, as one hash: the same hash, the same result.
 
 use serde_json::json;
 
+use super::structures::versioned;
 use crate::{adapters::wire::content_hash, service::ServiceOptions};
 
 /// Hash of the windows, the model and the settings of a fit, and of the program's version. A
 /// window's identifier stands for its waveforms: the store keeps the first ones under it.
-pub(super) fn inputs_hash(windows: &[String], options: &ServiceOptions) -> String {
+pub(super) fn inputs_hash(
+    windows: &[String],
+    structure: &[String],
+    options: &ServiceOptions,
+) -> String {
     content_hash(&json!({
         "windows": windows,
-        "structure": options.structure,
+        "structure": versioned(structure),
         "identification": format!("{:?}", options.identification),
+        "program": env!("CARGO_PKG_VERSION"),
+    }))
+}
+
+/// The same of a diagnosis, which depends on every effect that there is.
+pub(super) fn diagnosis_hash(
+    windows: &[String],
+    structure: &[String],
+    options: &ServiceOptions,
+) -> String {
+    let declared = crate::load_model::effects::catalogue().iter();
+    let effects: Vec<String> = declared
+        .map(|effect| effect.declaration())
+        .map(|declaration| format!("{} {}", declaration.name, declaration.version))
+        .collect();
+    content_hash(&json!({
+        "windows": windows,
+        "structure": versioned(structure),
+        "effects": effects,
+        "diagnosis": format!("{:?}", options.diagnosis),
         "program": env!("CARGO_PKG_VERSION"),
     }))
 }
@@ -19,17 +44,22 @@ pub(super) fn inputs_hash(windows: &[String], options: &ServiceOptions) -> Strin
 mod tests {
     use super::*;
 
+    fn names(names: &[&str]) -> Vec<String> {
+        names.iter().map(|&name| name.to_owned()).collect()
+    }
+
     #[test]
     fn the_hash_tells_windows_and_structures_apart() {
         let options = ServiceOptions::default();
-        let windows = ["a".to_owned(), "b".to_owned()];
-        let both = inputs_hash(&windows, &options);
-        assert_eq!(both, inputs_hash(&windows, &options));
-        assert_ne!(both, inputs_hash(&windows[..1], &options));
-        let other = ServiceOptions {
-            structure: vec!["zip".to_owned()],
-            ..options
-        };
-        assert_ne!(both, inputs_hash(&windows, &other));
+        let (windows, base) = (names(&["a", "b"]), names(&["zip", "induction_motor"]));
+        for hash in [inputs_hash, diagnosis_hash] {
+            let both = hash(&windows, &base, &options);
+            assert_eq!(both, hash(&windows, &base, &options));
+            assert_ne!(both, hash(&windows[..1], &base, &options));
+            let more = names(&["zip", "induction_motor", "saturation"]);
+            assert_ne!(both, hash(&windows, &more, &options));
+        }
+        let fit = inputs_hash(&windows, &base, &options);
+        assert_ne!(fit, diagnosis_hash(&windows, &base, &options));
     }
 }

@@ -7,7 +7,7 @@ use tokio::{
 
 use crate::{
     adapters::{wire::v1::encode_event_summary, zenoh::LinkPublisher},
-    service::{Command, Event, Failure},
+    service::{Command, DocumentKind, Event, Failure},
 };
 
 /// Publishes until the sender is dropped. The queue is as long as the core's own bounds admit.
@@ -29,11 +29,20 @@ pub(super) fn spawn(
 
 async fn carry_out(link: &LinkPublisher, command: Command) -> Option<Event> {
     match command {
-        Command::PublishSet(set) => {
-            let (site, version) = (set.site, set.version);
-            Some(match link.put_set(&site, set.document).await {
-                Ok(()) => Event::SetPublished { site, version },
+        Command::Publish(pending) => {
+            let (kind, site, version) = (pending.kind, pending.site, pending.version);
+            let put = match kind {
+                DocumentKind::Set => link.put_set(&site, pending.document).await,
+                DocumentKind::Diagnosis => link.put_diagnosis(&site, pending.document).await,
+            };
+            Some(match put {
+                Ok(()) => Event::Published {
+                    kind,
+                    site,
+                    version,
+                },
                 Err(error) => Event::PublicationFailed {
+                    kind,
                     site,
                     version,
                     failure: failure(&error),

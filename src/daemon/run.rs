@@ -1,8 +1,12 @@
 //! Start and end.
 
-use std::{fmt, io, net::SocketAddr, sync::Arc, time::Duration};
+use std::{env, fmt, fs, io, net::SocketAddr, path::PathBuf, sync::Arc, time::Duration};
 
-use tokio::{task::JoinHandle, time::timeout};
+use tokio::{
+    sync::mpsc::{UnboundedSender, unbounded_channel},
+    task::JoinHandle,
+    time::timeout,
+};
 use tokio_util::sync::CancellationToken;
 
 use super::{
@@ -10,16 +14,20 @@ use super::{
     event_loop::Parts,
     settings::Settings,
     status::{Status, StatusBoard},
+    structures,
 };
 use crate::{
     adapters::{
-        http::{self, Health},
+        http::{self, Actions, Change, Health, Token, TokenError, TokenSource},
         store::{SqliteStore, Store, StoreError},
         zenoh::{Link, ZenohError, queues},
     },
+    service::Event,
     telemetry::{Metrics, MetricsError, Occurrence, process::ServiceReady},
 };
 
+/// Name of systemd's credential that holds the token.
+const CREDENTIAL: &str = "http-token";
 /// Longest wait for HTTP connections to end.
 const HTTP_CLOSE_LIMIT: Duration = Duration::from_secs(1);
 
@@ -46,6 +54,22 @@ pub enum DaemonError {
         address: SocketAddr,
         /// What the system said.
         source: io::Error,
+    },
+    /// The file of the token cannot be read.
+    #[error("{}: {source}", .path.display())]
+    TokenFile {
+        /// File.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The file of the token holds none.
+    #[error("{}: {source}", .path.display())]
+    Token {
+        /// File.
+        path: PathBuf,
+        /// What it should hold.
+        source: TokenError,
     },
     /// A thread could not be started.
     #[error("cannot start a thread: {0}")]
@@ -108,7 +132,11 @@ impl Daemon {
         }
         let store = Arc::clone(&self.store);
         let counts = blocking(move || store.counts(clock::now_ns())).await??;
-        Ok(counts.jobs_queued + counts.jobs_claimed + counts.sets_unpublished == 0)
+        Ok(counts.jobs_queued
+            + counts.jobs_claimed
+            + counts.sets_unpublished
+            + counts.diagnoses_unpublished
+            == 0)
     }
 
     /// Asks it to stop.
@@ -157,7 +185,9 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
     let link = Link::open(&settings.zenoh, instance, &entrance).await?;
     health.set_zenoh(true);
     let stop = CancellationToken::new();
-    let web = open_http(&settings, &store, &metrics, &health).await?;
+    let (events_sender, events) = unbounded_channel();
+    let actions = Actions::new(token(&settings.http.token)?, teller(events_sender.clone()));
+    let web = open_http(&settings, &store, &metrics, &health, actions).await?;
     let board = Arc::new(StatusBoard::new(instance));
     let endpoints = link.endpoints().await;
     let parts = Parts {
@@ -170,7 +200,7 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
         link,
         entrance,
     };
-    let (the_loop, inbox) = parts.assemble(exits)?;
+    let (the_loop, inbox) = parts.assemble(exits, (events_sender, events))?;
     let http = web.as_ref().map(|web| web.address);
     the_loop.report(&ServiceReady {
         instance: instance.clone(),
@@ -205,6 +235,7 @@ async fn open_store(settings: &Arc<Settings>) -> Result<Arc<dyn Store>, DaemonEr
         for site in &settings.sites {
             store.save_site(&site.site, now_ns)?;
         }
+        structures::take_up_configured(&store, &settings, now_ns)?;
         store.release_leases_of(&settings.service.instance, now_ns)?;
         Ok(Arc::new(store))
     });
@@ -234,6 +265,7 @@ async fn open_http(
     store: &Arc<dyn Store>,
     metrics: &Arc<Metrics>,
     health: &Arc<Health>,
+    actions: Actions,
 ) -> Result<Option<Web>, DaemonError> {
     let Some(address) = settings.http.listen else {
         return Ok(None);
@@ -245,7 +277,8 @@ async fn open_http(
         store: Arc::clone(store),
         metrics: Arc::clone(metrics),
         health: Arc::clone(health),
-        access: http::WriteAccess::read_only(),
+        actions,
+        open_pages: settings.http.open_pages,
         rows_max: settings.http.rows_max,
     });
     let stop = CancellationToken::new();
@@ -259,6 +292,55 @@ async fn open_http(
         stop,
         task,
     }))
+}
+
+/// What was done over HTTP becomes an event.
+fn teller(events: UnboundedSender<Event>) -> impl Fn(Change) + Send + Sync + 'static {
+    move |change| {
+        let event = match change {
+            Change::Structure(record) => Event::StructureChanged {
+                site: record.site,
+                structure: record.structure,
+                origin: record.origin.name(),
+                actor: record.actor,
+            },
+            Change::Sets {
+                site,
+                action,
+                version,
+                actor,
+            } => Event::SetsChanged {
+                site,
+                action,
+                version,
+                actor,
+            },
+        };
+        // Without a loop the service is ending; the next start finds the change in the store.
+        events.send(event).ok();
+    }
+}
+
+/// The token that opens the way to changes; none where there is none.
+fn token(source: &TokenSource) -> Result<Option<Token>, DaemonError> {
+    let path = match source {
+        TokenSource::Given(token) => return Ok(Some(token.clone())),
+        TokenSource::File(path) => path.clone(),
+        TokenSource::Credential => {
+            let directory = env::var_os("CREDENTIALS_DIRECTORY").map(PathBuf::from);
+            match directory.map(|directory| directory.join(CREDENTIAL)) {
+                Some(path) if path.exists() => path,
+                _ => return Ok(None),
+            }
+        }
+    };
+    let text = fs::read_to_string(&path).map_err(|source| DaemonError::TokenFile {
+        path: path.clone(),
+        source,
+    })?;
+    Token::new(text.lines().next().unwrap_or_default())
+        .map(Some)
+        .map_err(|source| DaemonError::Token { path, source })
 }
 
 async fn blocking<T: Send + 'static>(

@@ -10,6 +10,7 @@ use crate::{
         wire::v1::{BatchLimits, RecordingLimits},
         zenoh::ZenohOptions,
     },
+    load_model::Structure,
     service::{ServiceOptions, SiteOptions},
 };
 
@@ -49,6 +50,17 @@ pub struct Recorder {
 }
 
 impl Settings {
+    /// The parts of the model that a site has by configuration; those of every model where it is
+    /// not configured.
+    #[must_use]
+    pub fn structure(&self, site: &str) -> Vec<String> {
+        let configured = self.sites.iter().find(|s| s.site.name == site);
+        configured.map_or_else(
+            || Structure::zip_im().names(),
+            |site| site.structure.clone(),
+        )
+    }
+
     /// The recorder of that name at a site.
     #[must_use]
     pub fn recorder(&self, site: &str, recorder: &str) -> Option<&Recorder> {

@@ -21,6 +21,8 @@ pub struct Status {
     pub fits_running: usize,
     /// Parameter sets published since the start.
     pub sets_published: u64,
+    /// Diagnoses published since the start.
+    pub diagnoses_published: u64,
     /// Ticks of the loop since the start.
     pub ticks: u64,
 }

@@ -10,19 +10,23 @@ use tokio::sync::mpsc::UnboundedSender;
 use super::{
     backlog, clock,
     convert::{failure, job_kind, lease, store_lease, work_of},
-    inputs::inputs_hash,
+    inputs::{diagnosis_hash, inputs_hash},
     settings::Settings,
+    structures,
 };
 use crate::{
     adapters::{
         http::Health,
         store::{
-            ClaimRequest, Enqueued, FitId, JobFailure, JobKind, LeaseAnswer, NewDecision, NewFit,
-            NewJob, Saved, Store, StoreError,
+            ClaimRequest, Enqueued, FitId, JobFailure, JobKind, LeaseAnswer, NewDecision,
+            NewDiagnosis, NewFit, NewJob, Saved, Store, StoreError,
         },
     },
     disturbance::Window,
-    service::{Claimed, Command, Event, Lease, Work, WorkEnd, WorkKind},
+    service::{
+        Claimed, Command, Diagnosed, DocumentKind, Event, Fitted, Lease, ServiceOptions, Work,
+        WorkEnd, WorkKind,
+    },
     telemetry::{
         Occurrence,
         store::{StoreMeasured, StorePruned},
@@ -79,18 +83,9 @@ impl Steps {
             Command::Queue { work, due_ns } => self.queue(work, due_ns, now_ns),
             Command::Claim { lease_until_ns } => self.claim(lease_until_ns, now_ns),
             Command::Heartbeat { lease, until_ns } => self.heartbeat(lease, until_ns),
-            Command::StoreFit { claimed, fitted } => {
-                let fit = NewFit {
-                    kind: job_kind(claimed.work.kind),
-                    site: &claimed.work.site,
-                    subject: &claimed.work.subject,
-                    inputs_hash: &fitted.inputs_hash,
-                    identification: &fitted.identification,
-                };
-                let job = claimed.job();
-                work_step(job, self.store.save_fit(&fit, now_ns), |(fit, _)| {
-                    Event::FitStored { job, fit: fit.0 }
-                })
+            Command::StoreFit { claimed, fitted } => self.store_fit(&claimed, &fitted, now_ns),
+            Command::StoreDiagnosis { claimed, diagnosed } => {
+                self.store_diagnosis(&claimed, &diagnosed, now_ns)
             }
             Command::CommitDecision {
                 job,
@@ -112,7 +107,11 @@ impl Steps {
                 })
             }
             Command::EndWork { lease, end } => self.end_work(lease, &end, now_ns),
-            Command::MarkPublished { site, version } => self.mark_published(site, version, now_ns),
+            Command::MarkPublished {
+                kind,
+                site,
+                version,
+            } => self.mark_published(kind, site, version, now_ns),
             Command::LoadBacklog(part) => {
                 let joint_events_max = self.settings.service.joint_events_max;
                 match backlog::load(self.store.as_ref(), part, joint_events_max) {
@@ -140,18 +139,47 @@ impl Steps {
         }
     }
 
-    /// Queues a job, unless a joint fit has too few events yet. The inputs are what the store
+    fn store_fit(&self, claimed: &Claimed, fitted: &Fitted, now_ns: i64) -> Event {
+        let fit = NewFit {
+            kind: job_kind(claimed.work.kind),
+            site: &claimed.work.site,
+            subject: &claimed.work.subject,
+            inputs_hash: &fitted.inputs_hash,
+            identification: &fitted.identification,
+        };
+        let job = claimed.job();
+        work_step(job, self.store.save_fit(&fit, now_ns), |(fit, _)| {
+            Event::FitStored { job, fit: fit.0 }
+        })
+    }
+
+    fn store_diagnosis(&self, claimed: &Claimed, diagnosed: &Diagnosed, now_ns: i64) -> Event {
+        let new = NewDiagnosis {
+            site: &claimed.work.site,
+            inputs_hash: &diagnosed.inputs_hash,
+            diagnosis: &diagnosed.diagnosis,
+        };
+        let (job, saved) = (claimed.job(), self.store.save_diagnosis(&new, now_ns));
+        work_step(job, saved, |(version, saved)| Event::DiagnosisStored {
+            job,
+            version,
+            known: saved == Saved::AlreadyStored,
+        })
+    }
+
+    /// Queues a job, unless there is nothing to do for it yet. The inputs are what the store
     /// holds now; the fit itself looks again.
     fn queue(&self, work: Work, due_ns: i64, now_ns: i64) -> Event {
         let enqueued = self.inputs(&work).and_then(|inputs| {
-            let Ok(windows) = inputs else {
-                return Ok(inputs.map(|_| false));
+            let inputs_hash = match inputs {
+                Ok(inputs_hash) => inputs_hash,
+                Err(reason) => return Ok(Err(reason)),
             };
             let job = NewJob {
                 kind: job_kind(work.kind),
                 site: &work.site,
                 subject: &work.subject,
-                inputs_hash: &inputs_hash(&windows, &self.settings.service),
+                inputs_hash: &inputs_hash,
                 due_ns,
             };
             let enqueued = self.store.enqueue(&job, now_ns)?;
@@ -167,21 +195,28 @@ impl Steps {
         }
     }
 
-    /// Identifiers of the windows of a job, or why there is nothing to do.
-    fn inputs(&self, work: &Work) -> Result<Result<Vec<String>, String>, StoreError> {
-        let options = &self.settings.service;
-        match work.kind {
-            WorkKind::Event => Ok(Ok(vec![work.subject.clone()])),
-            WorkKind::Site => {
-                let usable =
-                    backlog::usable(self.store.as_ref(), &work.site, options.joint_events_max)?;
-                let (found, needed) = (usable.len(), options.joint_events_min);
-                if found < needed {
-                    return Ok(Err(format!("{found} usable events, {needed} needed")));
-                }
-                Ok(Ok(usable))
-            }
+    /// Hash of the inputs of a job, or why there is nothing to do.
+    fn inputs(&self, work: &Work) -> Result<Result<String, String>, StoreError> {
+        let (store, options) = (self.store.as_ref(), &self.settings.service);
+        let structure = structures::in_force(store, &self.settings, &work.site)?;
+        if work.kind == WorkKind::Event {
+            let window = [work.subject.clone()];
+            return Ok(Ok(inputs_hash(&window, &structure, options)));
         }
+        let usable = backlog::usable(store, &work.site, options.joint_events_max)?;
+        let (found, needed) = (usable.len(), events_needed(work.kind, options));
+        if found < needed {
+            return Ok(Err(format!("{found} usable events, {needed} needed")));
+        }
+        let fit_hash = inputs_hash(&usable, &structure, options);
+        if work.kind == WorkKind::Site {
+            return Ok(Ok(fit_hash));
+        }
+        let fit = store.fit_of(JobKind::IdentifySite, &work.site, &fit_hash)?;
+        Ok(match fit {
+            Some(_) => Ok(diagnosis_hash(&usable, &structure, options)),
+            None => Err("these events have not been fitted jointly".to_owned()),
+        })
     }
 
     fn claim(&self, lease_until_ns: i64, now_ns: i64) -> Event {
@@ -231,10 +266,19 @@ impl Steps {
         })
     }
 
-    fn mark_published(&self, site: String, version: u64, now_ns: i64) -> Event {
-        match self.store.mark_published(&site, version, now_ns) {
-            Ok(_) => Event::PublicationMarked { site, version },
+    fn mark_published(&self, kind: DocumentKind, site: String, version: u64, now_ns: i64) -> Event {
+        let marked = match kind {
+            DocumentKind::Set => self.store.mark_published(&site, version, now_ns),
+            DocumentKind::Diagnosis => self.store.mark_diagnosis_published(&site, version, now_ns),
+        };
+        match marked {
+            Ok(_) => Event::PublicationMarked {
+                kind,
+                site,
+                version,
+            },
             Err(error) => Event::PublicationFailed {
+                kind,
                 site,
                 version,
                 failure: failure(&error),
@@ -271,6 +315,15 @@ impl Steps {
             }
         }
         Ok(sum)
+    }
+}
+
+/// Usable events from which on a joint fit or a diagnosis is made.
+fn events_needed(kind: WorkKind, options: &ServiceOptions) -> usize {
+    match kind {
+        WorkKind::Event => 1,
+        WorkKind::Site => options.joint_events_min,
+        WorkKind::Diagnosis => options.diagnosis_events_min,
     }
 }
 

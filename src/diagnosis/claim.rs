@@ -22,6 +22,10 @@ pub(super) struct Evidence {
     pub(super) chi_square_after: f64,
     /// Amplitude over the smallest meaningful one.
     pub(super) amplitude_over_meaningful: f64,
+    /// An amplitude or shape lies on a bound.
+    pub(super) at_bound: bool,
+    /// Weighted squares with it.
+    pub(super) squares_after: f64,
     /// Against the gate; none where there is none.
     pub(super) gate: Option<GateEvidence>,
 }
@@ -81,16 +85,25 @@ pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
 }
 
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be
-/// told from it, itself first. Those that may not be declared do not count.
+/// told from it, itself first. Those that may not be declared do not count, nor rivals that must
+/// stretch a parameter to its bound where the first need not.
 pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> Vec<usize> {
     let allowed = |i: &usize| list[*i].1;
     let Some(best) = (0..list.len()).find(|i| allowed(i)) else {
         return Vec::new();
     };
-    let gain = -list[best].0.delta_bic;
-    let near = options.delta_bic_near.max(options.rival_share * gain);
-    let close = |i: &usize| gain + list[*i].0.delta_bic <= near;
+    let near = |i: &usize| {
+        let gain = -list[*i].0.delta_bic;
+        let left = options.rival_share_of_left * list[*i].0.squares_after;
+        options
+            .delta_bic_near
+            .max(left.min(options.rival_share * gain))
+    };
+    let close = |i: &usize| list[*i].0.delta_bic - list[best].0.delta_bic <= near(&best);
     let mut chosen: Vec<usize> = (best..list.len()).filter(allowed).filter(close).collect();
+    if chosen.iter().any(|&i| !list[i].0.at_bound) {
+        chosen.retain(|&i| !list[i].0.at_bound);
+    }
     // An instrument that explains as much as the load is blamed first: it is the simpler cause.
     chosen.sort_by_key(|&i| list[i].0.physics);
     chosen
@@ -107,6 +120,8 @@ mod tests {
             chi_square_before: 10.0,
             chi_square_after: after,
             amplitude_over_meaningful: 3.0,
+            at_bound: false,
+            squares_after: 1000.0 * after,
             gate: Some(GateEvidence {
                 before: 12.0,
                 after: after * 1.2,
@@ -152,6 +167,15 @@ mod tests {
             (evidence(-900.0, 2.5, true), true),
         ];
         assert_eq!(answer_set(&list, &options), [2, 0]);
+        let mut stretched = list.clone();
+        stretched[2].0.at_bound = true;
+        assert_eq!(answer_set(&stretched, &options), [0]);
+        // Where nearly nothing is left, a difference is told by what is left, not by the gain.
+        let huge = [
+            (evidence(-1e6, 2.0, true), true),
+            (evidence(-0.999e6, 3.0, true), true),
+        ];
+        assert_eq!(answer_set(&huge, &options), [0]);
         assert!(answer_set(&list[1..2], &options).is_empty());
     }
 

@@ -9,6 +9,7 @@ use super::{
     },
     round::{Round, round},
     trials::{Trial, amplitude},
+    unexplained,
     where_it_fails::{failure, pooled},
 };
 use crate::{
@@ -108,10 +109,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
                 .curves(&closest.baseline.structure, &closest.baseline.all)
                 .into_iter()
                 .unzip();
-            {
-                let _ = (&events, &curves);
-                None::<super::outcome::Unexplained>
-            }
+            unexplained::describe(&events, &curves)
         })
         .flatten();
     Diagnosis {

@@ -82,7 +82,7 @@ struct Stairs<'a> {
 
 impl<'a> Stairs<'a> {
     fn new(case: &'a Case<'a>, at: Baseline) -> Result<Self, IdentificationError> {
-        let first_bic = at.all.bayesian_information();
+        let first_bic = at.all.criterion();
         let mut stairs = Self {
             case,
             at,
@@ -176,7 +176,7 @@ impl<'a> Stairs<'a> {
                 continue;
             }
             let fewer = self.case.baseline(&without(&next.structure, &effect)?)?;
-            let worse_by = fewer.all.bayesian_information() - next.all.bayesian_information();
+            let worse_by = fewer.all.criterion() - next.all.criterion();
             if worse_by <= SUPERFLUOUS_DELTA_BIC {
                 *next = fewer;
                 dropped.push(effect);
@@ -212,7 +212,7 @@ impl<'a> Stairs<'a> {
             reason,
             errors,
             parameter_count: fit.free.len(),
-            delta_bic: fit.bayesian_information() - self.first_bic,
+            delta_bic: fit.criterion() - self.first_bic,
             set: self.case.conclude(&at.structure, fit)?.set,
         })
     }

@@ -43,9 +43,12 @@ pub struct ClaimOptions {
     pub held_out_fall_min: f64,
     /// A claim lowers those of all fitted events by at least this share.
     pub fall_min: f64,
-    /// A rival within this share of the best gain (and within `delta_bic_near`) is in the answer set.
+    /// A rival is in the answer set when its criterion is behind the best by at most this share of
+    /// the best gain ...
     pub rival_share: f64,
-    /// The same in units of the criterion.
+    /// ... and at most this share of the weighted squares that the best leaves ...
+    pub rival_share_of_left: f64,
+    /// ... or by at most so much, whatever the two say.
     pub delta_bic_near: f64,
     /// Weighted squares per row of a perfect model: what is below twice this is adequate.
     pub floor: f64,
@@ -62,8 +65,9 @@ impl Default for ClaimOptions {
             held_out_fall_min: 0.10,
             fall_min: 0.05,
             rival_share: 0.05,
+            rival_share_of_left: 0.03,
             delta_bic_near: 10.0,
-            floor: 1.2,
+            floor: 0.7,
             reached_floors: 3.0,
             left_share: 0.03,
         }

@@ -93,7 +93,7 @@ fn companion(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, Ident
         case.watcher.cancel,
     )?;
     case.watcher.check()?;
-    let gain = |with: &Baseline| with.all.bayesian_information() - base.all.bayesian_information();
+    let gain = |with: &Baseline| with.all.criterion() - base.all.criterion();
     Ok(with.filter(|w| gain(w) < COMPANION_DELTA_BIC))
 }
 
@@ -206,7 +206,7 @@ fn pair(
         let Some((second, fit)) = found.and_then(|t| Some((t, t.fit()?))) else {
             continue;
         };
-        let criterion = fit.bayesian_information();
+        let criterion = fit.criterion();
         if best.as_ref().is_none_or(|(known, _)| criterion < *known) {
             let pair = Pair {
                 first,

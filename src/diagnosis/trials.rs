@@ -8,8 +8,9 @@ use super::{
 };
 use crate::{
     identification::{
-        IdentificationError,
+        IdentificationError, ParameterEstimate,
         composed::{self, Baseline, ComposedFit, Score},
+        composed_parameters,
     },
     load_model::{
         Structure,
@@ -30,8 +31,6 @@ pub(super) struct Trial {
     pub(super) score: Score,
     /// Share of the baseline's weighted squares that the score would remove.
     pub(super) score_share: f64,
-    /// The structure with it.
-    pub(super) structure: Structure,
     /// The refit on all judged events and, where there is one, on the mild ones.
     pub(super) refit: Option<Baseline>,
     /// Figures for the decision; none without a refit.
@@ -157,7 +156,6 @@ fn screened(
             declaration: effect.declaration(),
             score_share: (score.gain / squares.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
             score,
-            structure: baseline.structure.with(name)?,
             refit: None,
             evidence: None,
         });
@@ -180,10 +178,14 @@ fn refit(case: &Case<'_>, base: &Fitted, trial: &mut Trial) -> Result<(), Identi
     let (value, meaningful) = amplitude(trial.declaration, &added.all);
     trial.evidence = Some(Evidence {
         physics: trial.declaration.kind == Kind::Physics,
-        delta_bic: added.all.bayesian_information() - before.bayesian_information(),
+        delta_bic: added.all.criterion() - before.criterion(),
         chi_square_before: before.chi_square_per_row(),
         chi_square_after: added.all.chi_square_per_row(),
         amplitude_over_meaningful: value / meaningful,
+        at_bound: composed_parameters(&added.all, trial.name())
+            .iter()
+            .any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
+        squares_after: added.all.squares.iter().sum(),
         gate: None,
     });
     trial.refit = Some(added);
@@ -205,6 +207,18 @@ fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {
 
 fn per_row(misfit: &GateMisfit) -> f64 {
     misfit.squares.iter().sum::<f64>() / misfit.rows.max(1) as f64
+}
+
+/// Whether a parameter lies on a bound that says the effect has to be stretched to describe the data:
+/// not an amplitude that is absent, and not a shape whose bound is a case of its own.
+fn at_wrong_end(declaration: &Declaration, estimate: &ParameterEstimate) -> bool {
+    let declared = declaration
+        .parameters
+        .iter()
+        .find(|p| estimate.name.rsplit('.').next() == Some(p.name));
+    declared.is_some_and(|p| {
+        p.is_amplitude() && (estimate.value - p.neutral).abs() > 0.5 * (p.upper - p.neutral)
+    })
 }
 
 /// The amplitude that is largest against the smallest meaningful one, and that one.

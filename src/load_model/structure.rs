@@ -36,6 +36,12 @@ pub enum StructureError {
         /// The name.
         name: String,
     },
+    /// A part that was to be taken out is not there.
+    #[error("`{name}` is not part of the structure")]
+    NotThere {
+        /// The name.
+        name: String,
+    },
     /// A part every structure needs is absent.
     #[error("a structure needs `{name}`")]
     Absent {

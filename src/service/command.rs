@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{AskedSet, Fitted, PendingSet};
+use super::{AskedDocument, Diagnosed, Fitted, PendingDocument};
 use crate::{
     disturbance::{Screening, Window},
     identification::{Decision, InForce},
@@ -33,7 +33,8 @@ pub enum Command {
         /// Identifier of the window.
         window: String,
     },
-    /// Queue a job. A joint fit of a site with too few usable events is not queued.
+    /// Queue a job. A joint fit or a diagnosis of a site with too few usable events is not queued,
+    /// nor a diagnosis of events that have not been fitted jointly.
     Queue {
         /// The job.
         work: Work,
@@ -52,7 +53,7 @@ pub enum Command {
         /// Its new end, UTC nanoseconds.
         until_ns: i64,
     },
-    /// Run a fit on a thread of its own.
+    /// Run a fit or a diagnosis on a thread of its own.
     RunFit(Claimed),
     /// Ask a fit to stop. Not answered by itself: the fit ends.
     CancelFit {
@@ -65,6 +66,13 @@ pub enum Command {
         claimed: Claimed,
         /// The fit.
         fitted: Arc<Fitted>,
+    },
+    /// Put a diagnosis on durable storage.
+    StoreDiagnosis {
+        /// Job.
+        claimed: Claimed,
+        /// The diagnosis.
+        diagnosed: Arc<Diagnosed>,
     },
     /// Put a decision, and the set when it is to be published, on durable storage.
     CommitDecision {
@@ -86,21 +94,23 @@ pub enum Command {
     },
     /// Load what waits in the store.
     LoadBacklog(BacklogPart),
-    /// Put a set on its key.
-    PublishSet(PendingSet),
+    /// Put a set or diagnosis on its key.
+    Publish(PendingDocument),
     /// Tell the store that it is there.
     MarkPublished {
+        /// What it is.
+        kind: DocumentKind,
         /// Site.
         site: String,
         /// Version.
         version: u64,
     },
-    /// Answer a question for a parameter set.
+    /// Answer a question for a parameter set or a diagnosis.
     Answer {
         /// Number of the question.
         question: u64,
         /// What is asked.
-        asked: AskedSet,
+        asked: AskedDocument,
     },
     /// Answer a question with an error. Not answered by an event.
     Refuse {
@@ -124,12 +134,21 @@ pub enum Command {
 /// Which part of what waits in the store is to be loaded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BacklogPart {
-    /// Windows, sets, and the usable windows that are each to have a job: after a start.
+    /// All of it, and the usable windows that are each to have a job: after a start.
     Everything,
-    /// Windows and sets.
-    WindowsAndSets,
-    /// Sets: after a decision.
-    Sets,
+    /// Windows, changed structures, sets and diagnoses.
+    WindowsAndUnpublished,
+    /// Sets and diagnoses: after a decision or a diagnosis.
+    Unpublished,
+}
+
+/// What is published under a version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum DocumentKind {
+    /// A parameter set.
+    Set,
+    /// A diagnosis.
+    Diagnosis,
 }
 
 /// What a job computes.
@@ -139,6 +158,8 @@ pub enum WorkKind {
     Event,
     /// The joint fit of a site's events.
     Site,
+    /// What the model of a site misses.
+    Diagnosis,
 }
 
 impl WorkKind {
@@ -148,6 +169,7 @@ impl WorkKind {
         match self {
             Self::Event => "identify_event",
             Self::Site => "identify_site",
+            Self::Diagnosis => "diagnose_site",
         }
     }
 }
@@ -181,6 +203,15 @@ impl Work {
             kind: WorkKind::Site,
             site: site.to_owned(),
             subject: site.to_owned(),
+        }
+    }
+
+    /// The diagnosis of a site.
+    #[must_use]
+    pub fn diagnosis(site: &str) -> Self {
+        Self {
+            kind: WorkKind::Diagnosis,
+            ..Self::site(site)
         }
     }
 }

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use super::{BacklogPart, Claimed, Lease, Work};
+use super::{BacklogPart, Claimed, DocumentKind, Lease, Work};
 use crate::{
+    diagnosis::Diagnosis,
     disturbance::{Screening, Window},
     identification::{Identification, InForce, ParameterSet},
     measurement::{Record, SampleBatch},
@@ -121,6 +122,15 @@ pub enum Event {
         /// Number of the fit.
         fit: i64,
     },
+    /// A diagnosis is on durable storage.
+    DiagnosisStored {
+        /// Job.
+        job: i64,
+        /// Its number.
+        version: u64,
+        /// Whether it was there before.
+        known: bool,
+    },
     /// A decision is on durable storage.
     DecisionCommitted {
         /// Job.
@@ -148,8 +158,10 @@ pub enum Event {
     BacklogLoaded(BacklogPart, Backlog),
     /// The store could not be asked for it.
     BacklogFailed(BacklogPart, Failure),
-    /// A set is on its key.
-    SetPublished {
+    /// A document is on its key.
+    Published {
+        /// What it is.
+        kind: DocumentKind,
         /// Site.
         site: String,
         /// Version.
@@ -157,13 +169,17 @@ pub enum Event {
     },
     /// The store knows that it is.
     PublicationMarked {
+        /// What it is.
+        kind: DocumentKind,
         /// Site.
         site: String,
         /// Version.
         version: u64,
     },
-    /// A set could not be published, or the store could not be told. It is tried again.
+    /// A document could not be published, or the store could not be told. It is tried again.
     PublicationFailed {
+        /// What it is.
+        kind: DocumentKind,
         /// Site.
         site: String,
         /// Version.
@@ -171,14 +187,36 @@ pub enum Event {
         /// What went wrong.
         failure: Failure,
     },
-    /// Somebody asks for a parameter set.
-    ParametersAsked {
+    /// Somebody has changed which model a site is to have; the store knows.
+    StructureChanged {
+        /// Site.
+        site: String,
+        /// Names of the parts.
+        structure: Vec<String>,
+        /// How it was said, from a closed list.
+        origin: &'static str,
+        /// Who.
+        actor: String,
+    },
+    /// Somebody has changed which set counts; the store knows.
+    SetsChanged {
+        /// Site.
+        site: String,
+        /// What was done, from a closed list.
+        action: &'static str,
+        /// Version that counts now; none when it stays as it was.
+        version: Option<u64>,
+        /// Who.
+        actor: String,
+    },
+    /// Somebody asks for a parameter set or a diagnosis.
+    DocumentAsked {
         /// Number of the question.
         question: u64,
         /// Its text.
         selector: String,
         /// What is asked; an error in words when the question makes no sense.
-        asked: Result<AskedSet, String>,
+        asked: Result<AskedDocument, String>,
     },
     /// A question was answered.
     QuestionAnswered {
@@ -206,12 +244,14 @@ pub struct DecodedRecording {
     pub record: Record,
 }
 
-/// Which parameter set is asked for.
+/// Which document is asked for.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AskedSet {
+pub struct AskedDocument {
+    /// What it is.
+    pub kind: DocumentKind,
     /// Site.
     pub site: String,
-    /// Version; none for the one in force.
+    /// Version; none for the one that counts.
     pub version: Option<u64>,
 }
 
@@ -237,6 +277,13 @@ pub enum FitEnd {
         fit: i64,
         /// The candidate.
         candidate: Arc<Candidate>,
+    },
+    /// With a diagnosis.
+    Diagnosed(Arc<Diagnosed>),
+    /// The same inputs were diagnosed before.
+    DiagnosisKnown {
+        /// Number of the diagnosis.
+        version: u64,
     },
     /// There is no set to be had from these data; asking again does not help.
     NoSet {
@@ -268,6 +315,15 @@ pub struct Fitted {
     pub in_force: Option<InForce>,
 }
 
+/// A diagnosis and what it was made from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Diagnosed {
+    /// The diagnosis, with its cost in seconds.
+    pub diagnosis: Diagnosis,
+    /// Hash of what was really diagnosed.
+    pub inputs_hash: String,
+}
+
 /// A candidate from a fit that was on record, and what it is measured against.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
@@ -286,15 +342,19 @@ pub struct Backlog {
     pub unannounced: Vec<(Arc<Window>, Screening)>,
     /// Identifiers of usable windows, by site, oldest first: each is to have a job.
     pub usable: Vec<(String, Vec<String>)>,
-    /// Sets with a version that were not put on their keys, in the order of their commits.
-    pub unpublished: Vec<PendingSet>,
+    /// Sites whose structure was changed and that have not been fitted with it.
+    pub restructured: Vec<String>,
+    /// Sets and diagnoses that were not put on their keys, each kind in the order of its commits.
+    pub unpublished: Vec<PendingDocument>,
     /// Whether a bound was reached and there may be more.
     pub more: bool,
 }
 
-/// A set that is to be put on its key.
+/// A set or diagnosis that is to be put on its key.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PendingSet {
+pub struct PendingDocument {
+    /// What it is.
+    pub kind: DocumentKind,
     /// Site.
     pub site: String,
     /// Version.

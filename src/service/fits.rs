@@ -1,4 +1,5 @@
-//! Jobs that are ours: claimed, fitted, stored, decided on, ended.
+//! Jobs that are ours: claimed, fitted, stored, decided on, ended; or claimed, diagnosed, stored,
+//! ended.
 //!
 //! Each job is at one stage, and a stage is one command that has been given and not answered yet.
 //! A stage that fails is given again after a pause, so that a finished fit survives a store that
@@ -7,12 +8,14 @@
 use std::{collections::BTreeMap, sync::Arc};
 
 use super::{
-    Claimed, Command, Failure, FitEnd, Fitted, Lease, ServiceOptions, WorkEnd, WorkKind,
+    Claimed, Command, Diagnosed, Failure, FitEnd, Fitted, Lease, ServiceOptions, WorkEnd, WorkKind,
     outbox::Outbox,
 };
 use crate::{
+    diagnosis::Diagnosis,
     identification::{Decision, Identification, InForce, ParameterSet, VerdictStatus, decide},
     telemetry::{
+        diagnoses::{DiagnosisFacts, DiagnosisFailed, DiagnosisMade},
         jobs::{
             FitFailed, FitFinished, FitInterrupted, FitResult, FitStarted, Interruption, JobParked,
             WorkersBusy,
@@ -49,10 +52,11 @@ struct Running {
 /// The command that has been given.
 #[derive(Debug)]
 enum Stage {
-    /// None: another joint fit of the same site runs, and the two must be decided in order.
+    /// None: another job of the same kind runs for the same site, and the two must end in order.
     Waiting,
     Fitting,
     StoringFit(Arc<Fitted>),
+    StoringDiagnosis(Arc<Diagnosed>),
     Committing {
         fit: i64,
         decision: Decision,
@@ -105,7 +109,7 @@ impl Fits {
         self.claiming = false;
         let stage = if self.closed {
             Stage::Ending(WorkEnd::Release)
-        } else if self.joint_fit_runs(&claimed) {
+        } else if self.same_work_runs(&claimed) {
             Stage::Waiting
         } else {
             Stage::Fitting
@@ -176,33 +180,58 @@ impl Fits {
         running.enter(stage, out);
     }
 
-    /// A decision is on durable storage.
-    pub(super) fn committed(
+    /// A diagnosis is on durable storage.
+    pub(super) fn diagnosis_stored(
         &mut self,
         job: i64,
-        version: Option<u64>,
+        version: u64,
         known: bool,
         out: &mut Outbox,
     ) {
         let Some(running) = self.running.get_mut(&job) else {
             return;
         };
-        let Stage::Committing { decision, .. } = &running.stage else {
+        let Stage::StoringDiagnosis(diagnosed) = &running.stage else {
             return;
         };
+        let diagnosis = &diagnosed.diagnosis;
+        out.report(DiagnosisMade::new(
+            diagnosis_facts(diagnosis),
+            version,
+            known,
+        ));
+        let (status, summary) = (diagnosis.status.name(), &diagnosis.summary);
+        let outcome = format!("diagnosis {version}: {status}: {summary}");
+        running.enter(Stage::Ending(WorkEnd::Complete { outcome }), out);
+    }
+
+    /// A decision is on durable storage. Returns the site that it is about.
+    pub(super) fn committed(
+        &mut self,
+        job: i64,
+        version: Option<u64>,
+        known: bool,
+        out: &mut Outbox,
+    ) -> Option<String> {
+        let running = self.running.get_mut(&job)?;
+        let Stage::Committing { decision, .. } = &running.stage else {
+            return None;
+        };
+        let site = running.claimed.work.site.clone();
         let (name, reason) = name_and_reason(decision);
         let outcome = match version {
             Some(version) => format!("{name} as version {version}: {reason}"),
             None => format!("{name}: {reason}"),
         };
         out.report(CandidateDecided {
-            site: running.claimed.work.site.clone(),
+            site: site.clone(),
             decision: name,
             reason: reason.to_owned(),
             version,
             known,
         });
         running.enter(Stage::Ending(WorkEnd::Complete { outcome }), out);
+        Some(site)
     }
 
     /// A job is off our hands.
@@ -289,15 +318,15 @@ impl Fits {
         self.running.is_empty() && !self.claiming
     }
 
-    fn joint_fit_runs(&self, claimed: &Claimed) -> bool {
-        claimed.work.kind == WorkKind::Site
+    fn same_work_runs(&self, claimed: &Claimed) -> bool {
+        claimed.work.kind != WorkKind::Event
             && self
                 .running
                 .values()
                 .any(|r| r.claimed.work == claimed.work)
     }
 
-    /// Starts the joint fits whose predecessors have ended.
+    /// Starts what waited for its predecessor, which has ended.
     fn start_waiting(&mut self, now_ns: i64, out: &mut Outbox) {
         let ready: Vec<i64> = self
             .running
@@ -356,6 +385,10 @@ impl Running {
                 claimed: self.claimed.clone(),
                 fitted: Arc::clone(fitted),
             }),
+            Stage::StoringDiagnosis(diagnosed) => out.push(Command::StoreDiagnosis {
+                claimed: self.claimed.clone(),
+                diagnosed: Arc::clone(diagnosed),
+            }),
             Stage::Committing {
                 fit,
                 decision,
@@ -406,6 +439,10 @@ impl Running {
             FitEnd::Known { fit, candidate } => {
                 self.decide(fit, &candidate.set, candidate.in_force.as_ref(), options)
             }
+            FitEnd::Diagnosed(diagnosed) => Stage::StoringDiagnosis(diagnosed),
+            FitEnd::DiagnosisKnown { version } => Stage::Ending(WorkEnd::Complete {
+                outcome: format!("diagnosis {version} is on record"),
+            }),
             FitEnd::NoSet { reason } => {
                 self.report_failed(reason.clone(), out);
                 Stage::Ending(WorkEnd::Complete {
@@ -439,7 +476,7 @@ impl Running {
         options: &ServiceOptions,
     ) -> Stage {
         match self.claimed.work.kind {
-            WorkKind::Event => Stage::Ending(WorkEnd::Complete {
+            WorkKind::Event | WorkKind::Diagnosis => Stage::Ending(WorkEnd::Complete {
                 outcome: format!("fitted: {}", result_of(set).name()),
             }),
             WorkKind::Site => Stage::Committing {
@@ -471,6 +508,13 @@ impl Running {
     }
 
     fn report_failed(&self, error: String, out: &mut Outbox) {
+        if self.claimed.work.kind == WorkKind::Diagnosis {
+            out.report(DiagnosisFailed {
+                site: self.claimed.work.site.clone(),
+                error,
+            });
+            return;
+        }
         out.report(FitFailed {
             kind: self.claimed.work.kind.name(),
             subject: self.claimed.work.subject.clone(),
@@ -486,6 +530,20 @@ impl Running {
             reason,
             detail,
         });
+    }
+}
+
+fn diagnosis_facts(diagnosis: &Diagnosis) -> DiagnosisFacts {
+    let best = diagnosis.answer_set.first();
+    let named = best.and_then(|best| diagnosis.candidates.iter().find(|c| c.effect == *best));
+    DiagnosisFacts {
+        site: diagnosis.site.clone(),
+        status: diagnosis.status.name(),
+        summary: diagnosis.summary.clone(),
+        answer_set: diagnosis.answer_set.clone(),
+        error_before: diagnosis.baseline.quoted().error_to_noise,
+        error_after: named.and_then(|candidate| candidate.held_out_error_after),
+        seconds: diagnosis.cost.seconds,
     }
 }
 

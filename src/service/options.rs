@@ -1,6 +1,7 @@
 //! Settings of the service core.
 
 use crate::{
+    diagnosis::DiagnosisOptions,
     disturbance::{DetectorOptions, ScreeningOptions},
     identification::{DecisionOptions, IdentificationOptions},
     measurement::{ConcentratorOptions, Site},
@@ -14,8 +15,6 @@ pub struct ServiceOptions {
     /// Name of this instance, one chunk of a key expression; it holds leases and signs decisions.
     /// Default `loadmodeld`.
     pub instance: String,
-    /// Parts of the model that are fitted. Default `["zip", "induction_motor"]`.
-    pub structure: Vec<String>,
     /// Usable events from which on a site is fitted jointly. Default 4, at least 1: with one
     /// event there is nothing to hold out, and the set can only be published as unvalidated.
     pub joint_events_min: usize,
@@ -52,13 +51,18 @@ pub struct ServiceOptions {
     pub identification: IdentificationOptions,
     /// Settings of the decision.
     pub decision: DecisionOptions,
+    /// Whether sites are diagnosed in the background. Default yes.
+    pub diagnose: bool,
+    /// Usable events from which on a site is diagnosed. Default 4, at least 1.
+    pub diagnosis_events_min: usize,
+    /// Settings of the diagnosis.
+    pub diagnosis: DiagnosisOptions,
 }
 
 impl Default for ServiceOptions {
     fn default() -> Self {
         Self {
             instance: "loadmodeld".to_owned(),
-            structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
             joint_events_min: 2,
             joint_events_max: 40,
             settle_ns: 30 * SECOND_NS,
@@ -75,6 +79,9 @@ impl Default for ServiceOptions {
             shutdown_grace_ns: 20 * SECOND_NS,
             identification: IdentificationOptions::default(),
             decision: DecisionOptions::default(),
+            diagnose: true,
+            diagnosis_events_min: 4,
+            diagnosis: DiagnosisOptions::default(),
         }
     }
 }
@@ -90,4 +97,6 @@ pub struct SiteOptions {
     pub detector: DetectorOptions,
     /// Which disturbances can be used.
     pub screening: ScreeningOptions,
+    /// Parts of the model that is fitted until somebody says otherwise.
+    pub structure: Vec<String>,
 }

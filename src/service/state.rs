@@ -1,25 +1,25 @@
 //! The one owner of the service's state, and the only place where it changes.
 
+mod publication;
+
 use std::{collections::BTreeMap, sync::Arc};
 
 use super::{
-    AskedSet, Backlog, BacklogPart, Command, Event, Failure, ServiceOptions, SiteOptions, Work,
-    fits::Fits, outbox::Outbox, publishing::Publishing, streams::Streams, windows::Windows,
+    Backlog, BacklogPart, Command, Event, Failure, ServiceOptions, SiteOptions, Work, fits::Fits,
+    outbox::Outbox, publishing::Publishing, streams::Streams, windows::Windows,
 };
 use crate::{
     disturbance::Window,
     telemetry::{
+        diagnoses::{SetsChanged, StructureChanged},
         intake::{MessagesDropped, PayloadRefused},
         jobs::{JobNotNeeded, JobQueued},
         process::{GraceExceeded, ServiceStopping},
-        sets::{QueryAnswered, QueryOutcome},
         store::{StoreFailed, WorkTakenUp},
         windows::EventAnnounced,
     },
 };
 
-/// Questions that may wait for an answer at one time.
-const QUESTIONS_MAX: usize = 256;
 /// Time between measurements of the store, nanoseconds.
 const MEASURE_NS: i64 = 15_000_000_000;
 /// Time between two rounds of retention, nanoseconds.
@@ -39,8 +39,8 @@ pub struct State {
     windows: Windows,
     fits: Fits,
     publishing: Publishing,
-    /// Looks for sets to be published that have not been answered.
-    sets_loading: usize,
+    /// Looks for documents to be published that have not been answered.
+    documents_loading: usize,
     /// Jobs on their way to the queue.
     queueing: usize,
     /// Since when a joint fit of a site has been postponed.
@@ -80,7 +80,7 @@ impl State {
             windows: Windows::new(&options),
             fits: Fits::new(),
             publishing: Publishing::default(),
-            sets_loading: 0,
+            documents_loading: 0,
             queueing: 0,
             postponed_since_ns: BTreeMap::new(),
             questions: 0,
@@ -114,7 +114,7 @@ impl State {
             && self.windows.at_rest()
             && self.fits.at_rest()
             && self.publishing.at_rest()
-            && self.queueing + self.sets_loading == 0
+            && self.queueing + self.documents_loading == 0
             && !self.sweep.in_flight
             && self.sweep.part != BacklogPart::Everything
     }
@@ -146,18 +146,22 @@ impl State {
             | Event::LeaseAnswered { .. }
             | Event::FitEnded { .. }
             | Event::FitStored { .. }
+            | Event::DiagnosisStored { .. }
             | Event::DecisionCommitted { .. }
             | Event::WorkEnded { .. }
             | Event::WorkStepFailed { .. } => self.take_work_step(now_ns, event, out),
-            Event::SetPublished { .. }
+            Event::Published { .. }
             | Event::PublicationMarked { .. }
             | Event::PublicationFailed { .. }
-            | Event::ParametersAsked { .. }
+            | Event::DocumentAsked { .. }
             | Event::QuestionAnswered { .. } => self.take_publication(now_ns, event, out),
+            Event::StructureChanged { .. } | Event::SetsChanged { .. } => {
+                self.take_change(now_ns, event, out);
+            }
             Event::BacklogLoaded(part, backlog) => {
                 self.answered(part);
                 let taken = self.take_up(now_ns, backlog, out);
-                if part != BacklogPart::Sets {
+                if part != BacklogPart::Unpublished {
                     out.report(taken);
                 }
             }
@@ -254,7 +258,7 @@ impl State {
 
     fn queue(&mut self, now_ns: i64, work: Work, out: &mut Outbox) {
         let due_ns = match work.kind {
-            super::WorkKind::Event => now_ns,
+            super::WorkKind::Event | super::WorkKind::Diagnosis => now_ns,
             super::WorkKind::Site => self.settled_ns(now_ns, &work.site),
         };
         self.queueing += 1;
@@ -318,11 +322,21 @@ impl State {
                 version,
                 known,
             } => {
-                self.fits.committed(job, version, known, out);
+                let site = self.fits.committed(job, version, known, out);
                 if version.is_some() {
-                    self.sets_loading += 1;
-                    out.push(Command::LoadBacklog(BacklogPart::Sets));
+                    self.load_unpublished(out);
                 }
+                if let Some(site) = site {
+                    self.queue_diagnosis(now_ns, &site, out);
+                }
+            }
+            Event::DiagnosisStored {
+                job,
+                version,
+                known,
+            } => {
+                self.fits.diagnosis_stored(job, version, known, out);
+                self.load_unpublished(out);
             }
             Event::WorkEnded { job, parked } => self.fits.ended(job, parked, out),
             Event::WorkStepFailed { job, failure } => {
@@ -332,54 +346,61 @@ impl State {
         }
     }
 
-    fn take_publication(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
+    fn load_unpublished(&mut self, out: &mut Outbox) {
+        self.documents_loading += 1;
+        out.push(Command::LoadBacklog(BacklogPart::Unpublished));
+    }
+
+    /// A joint fit of the site has been decided on: what does its model miss?
+    fn queue_diagnosis(&mut self, now_ns: i64, site: &str, out: &mut Outbox) {
+        // A service that is stopping leaves it to the next start.
+        if self.options.diagnose && self.phase == Phase::Running {
+            self.queue(now_ns, Work::diagnosis(site), out);
+        }
+    }
+
+    /// Somebody has changed what is to be fitted, or which set counts.
+    fn take_change(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
         match event {
-            Event::SetPublished { site, version } => {
-                self.publishing.published(now_ns, &site, version, out);
-            }
-            Event::PublicationMarked { site, version } => self.publishing.marked(&site, version),
-            Event::PublicationFailed {
+            Event::StructureChanged {
                 site,
+                structure,
+                origin,
+                actor,
+            } => {
+                self.queue_refit(now_ns, &site, out);
+                out.report(StructureChanged {
+                    site,
+                    structure,
+                    origin,
+                    actor,
+                });
+            }
+            Event::SetsChanged {
+                site,
+                action,
                 version,
-                failure,
-            } => self
-                .publishing
-                .failed(now_ns, (&site, version), failure, &self.options, out),
-            Event::ParametersAsked {
-                question,
-                selector,
-                asked,
-            } => self.answer(question, selector, asked, out),
-            Event::QuestionAnswered { selector, outcome } => {
-                self.questions = self.questions.saturating_sub(1);
-                out.report(QueryAnswered { selector, outcome });
+                actor,
+            } => {
+                self.load_unpublished(out);
+                out.report(SetsChanged {
+                    site,
+                    action,
+                    version,
+                    actor,
+                });
             }
             _ => {}
         }
     }
 
-    fn answer(
-        &mut self,
-        question: u64,
-        selector: String,
-        asked: Result<AskedSet, String>,
-        out: &mut Outbox,
-    ) {
-        let refusal = match asked {
-            Ok(asked) if self.questions < QUESTIONS_MAX => {
-                self.questions += 1;
-                out.push(Command::Answer { question, asked });
-                return;
-            }
-            Ok(_) => (
-                "too many questions at one time".to_owned(),
-                QueryOutcome::Failed,
-            ),
-            Err(reason) => (reason, QueryOutcome::Malformed),
-        };
-        let (reason, outcome) = refusal;
-        out.push(Command::Refuse { question, reason });
-        out.report(QueryAnswered { selector, outcome });
+    /// A joint fit without the quiet time that a burst of events asks for: somebody waits for it.
+    fn queue_refit(&mut self, now_ns: i64, site: &str, out: &mut Outbox) {
+        self.queueing += 1;
+        out.push(Command::Queue {
+            work: Work::site(site),
+            due_ns: now_ns,
+        });
     }
 
     /// Takes up what the store holds and nobody works on.
@@ -404,18 +425,26 @@ impl State {
                 self.queue(now_ns, Work::event(&site, window), out);
             }
             self.queue(now_ns, Work::site(&site), out);
+            self.queue_diagnosis(now_ns, &site, out);
+        }
+        for site in backlog.restructured {
+            self.queue_refit(now_ns, &site, out);
         }
         if backlog.more {
-            self.sweep_soon(now_ns, BacklogPart::WindowsAndSets);
+            self.sweep_soon(now_ns, BacklogPart::WindowsAndUnpublished);
         }
         taken
     }
 
-    /// Sets alone are asked for out of turn, after each decision.
+    /// What is to be published alone is asked for out of turn, after each decision or diagnosis.
     const fn answered(&mut self, part: BacklogPart) {
         match part {
-            BacklogPart::Sets => self.sets_loading = self.sets_loading.saturating_sub(1),
-            BacklogPart::Everything | BacklogPart::WindowsAndSets => self.sweep.in_flight = false,
+            BacklogPart::Unpublished => {
+                self.documents_loading = self.documents_loading.saturating_sub(1);
+            }
+            BacklogPart::Everything | BacklogPart::WindowsAndUnpublished => {
+                self.sweep.in_flight = false;
+            }
         }
     }
 
@@ -428,7 +457,7 @@ impl State {
         if now_ns >= self.sweep.due_ns && !self.sweep.in_flight {
             self.sweep.in_flight = true;
             out.push(Command::LoadBacklog(self.sweep.part));
-            self.sweep.part = BacklogPart::WindowsAndSets;
+            self.sweep.part = BacklogPart::WindowsAndUnpublished;
             self.sweep.due_ns = now_ns.saturating_add(self.options.sweep_ns);
         }
         if now_ns >= self.measure_at_ns {
@@ -490,7 +519,7 @@ impl State {
         let done = intake_stopped
             && self.windows.at_rest()
             && self.fits.at_rest()
-            && self.queueing + self.sets_loading == 0
+            && self.queueing + self.documents_loading == 0
             && self.publishing.at_rest();
         if !done && now_ns < deadline_ns {
             return;

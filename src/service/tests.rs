@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use super::{
-    AskedSet, Backlog, BacklogPart, Candidate, Claimed, Command, Event, Failure, FitEnd, Fitted,
-    Lease, PendingSet, ServiceOptions, SiteOptions, State, Work, WorkEnd, WorkKind,
+    AskedDocument, Backlog, BacklogPart, Candidate, Claimed, Command, Diagnosed, DocumentKind,
+    Event, Failure, FitEnd, Fitted, Lease, PendingDocument, ServiceOptions, SiteOptions, State,
+    Work, WorkEnd, WorkKind,
 };
 use crate::{
     disturbance::{Closing, DetectorOptions, Screening, ScreeningOptions, ScreeningReason, Window},
@@ -16,12 +17,21 @@ use crate::{
     telemetry::{Metrics, catalogue},
 };
 
+mod diagnoses;
 mod fits;
 mod shutdown;
 mod support;
 mod windows;
 
 use support::{Bench, SECOND_NS, failure, fitted, verdict};
+
+fn published(site: String, version: u64) -> Event {
+    Event::Published {
+        kind: DocumentKind::Set,
+        site,
+        version,
+    }
+}
 
 #[test]
 fn the_first_tick_looks_for_what_was_left_behind() {
@@ -54,7 +64,8 @@ fn a_look_that_failed_is_repeated_in_full() {
 fn what_was_left_behind_is_taken_up_once() {
     let mut bench = Bench::new();
     let window = Arc::new(bench.window());
-    let set = PendingSet {
+    let set = PendingDocument {
+        kind: DocumentKind::Set,
         site: "north".to_owned(),
         version: 2,
         document: "{}".to_owned(),
@@ -71,7 +82,7 @@ fn what_was_left_behind_is_taken_up_once() {
         commands.iter().filter(|c| test(c)).count()
     };
     let screenings = |c: &Command| matches!(c, Command::StoreScreening { .. });
-    let publications = |c: &Command| matches!(c, Command::PublishSet(_));
+    let publications = |c: &Command| matches!(c, Command::Publish(_));
     assert_eq!(
         (count(&first, screenings), count(&second, screenings)),
         (1, 0)
@@ -81,16 +92,17 @@ fn what_was_left_behind_is_taken_up_once() {
         (1, 0)
     );
     let queued = |c: &Command| matches!(c, Command::Queue { .. });
-    assert_eq!(count(&first, queued), 2);
+    assert_eq!(count(&first, queued), 3, "event, site, diagnosis");
 }
 
 #[test]
 fn a_set_that_is_on_its_key_is_not_put_there_again_when_the_store_could_not_be_told() {
     let mut bench = Bench::new();
     let _ = bench.apply(Event::BacklogLoaded(
-        BacklogPart::Sets,
+        BacklogPart::Unpublished,
         Backlog {
-            unpublished: vec![PendingSet {
+            unpublished: vec![PendingDocument {
+                kind: DocumentKind::Set,
                 site: "north".to_owned(),
                 version: 1,
                 document: "{}".to_owned(),
@@ -100,13 +112,14 @@ fn a_set_that_is_on_its_key_is_not_put_there_again_when_the_store_could_not_be_t
     ));
     let named = || ("north".to_owned(), 1);
     let (site, version) = named();
-    let told = bench.apply(Event::SetPublished { site, version });
+    let told = bench.apply(published(site, version));
     assert!(
         told.iter()
             .any(|c| matches!(c, Command::MarkPublished { version: 1, .. }))
     );
     let (site, version) = named();
     let _ = bench.apply(Event::PublicationFailed {
+        kind: DocumentKind::Set,
         site,
         version,
         failure: failure(),
@@ -118,14 +131,14 @@ fn a_set_that_is_on_its_key_is_not_put_there_again_when_the_store_could_not_be_t
             .iter()
             .any(|c| matches!(c, Command::MarkPublished { version: 1, .. }))
     );
-    assert!(!repeated.iter().any(|c| matches!(c, Command::PublishSet(_))));
+    assert!(!repeated.iter().any(|c| matches!(c, Command::Publish(_))));
     assert!((bench.metric(&catalogue::SETS_PUBLISHED, &["north"]) - 1.0).abs() < f64::EPSILON);
 }
 
 #[test]
 fn a_question_without_sense_is_refused_and_counted() {
     let mut bench = Bench::new();
-    let commands = bench.apply(Event::ParametersAsked {
+    let commands = bench.apply(Event::DocumentAsked {
         question: 7,
         selector: "p?version=x".to_owned(),
         asked: Err("the version `x` is not a number".to_owned()),
@@ -139,10 +152,11 @@ fn questions_beyond_the_bound_are_refused() {
     let mut bench = Bench::new();
     let mut refused = 0;
     for question in 0..300 {
-        let commands = bench.apply(Event::ParametersAsked {
+        let commands = bench.apply(Event::DocumentAsked {
             question,
             selector: String::new(),
-            asked: Ok(AskedSet {
+            asked: Ok(AskedDocument {
+                kind: DocumentKind::Set,
                 site: "north".to_owned(),
                 version: None,
             }),

@@ -242,17 +242,58 @@ pub const ERROR_TO_NOISE: Declaration = gauge(
     &["site"],
     "Residual over noise floor of the newest candidate on the fitted events.",
 );
+/// Upper bounds of errors over noise: from a perfect model to one that follows nothing.
+const ERROR_BOUNDS: &[u32] = &[1, 2, 3, 5, 10, 20, 50, 100, 200, 500];
+
+/// Diagnoses by status.
+pub const DIAGNOSES: Declaration = counter(
+    "loadmodeld_diagnoses_total",
+    &["status"],
+    "Diagnoses by status: adequate, missing_effect, instrument_suspect, unknown_effect, cannot_judge, error.",
+);
+/// Effects named.
+pub const DIAGNOSED_EFFECTS: Declaration = counter(
+    "loadmodeld_diagnosed_effects_total",
+    &["effect"],
+    "Diagnoses that name an effect, by the first one named: names of the catalogue and of effect files.",
+);
+/// Error over noise of what was diagnosed.
+pub const DIAGNOSIS_ERROR_TO_NOISE: Declaration = Declaration {
+    name: "loadmodeld_diagnosis_error_to_noise_ratio",
+    kind: Kind::Histogram(ERROR_BOUNDS),
+    labels: &["stage"],
+    help: "Residual over noise floor of diagnosed models: before, and after with the first effect named.",
+};
+/// Duration of diagnoses.
+pub const DIAGNOSIS_SECONDS: Declaration = Declaration {
+    name: "loadmodeld_diagnosis_seconds",
+    kind: Kind::Histogram(FIT_BOUNDS_S),
+    labels: &[],
+    help: "Wall-clock time of diagnoses.",
+};
+/// Changes of structures.
+pub const STRUCTURE_CHANGES: Declaration = counter(
+    "loadmodeld_structure_changes_total",
+    &["origin"],
+    "Changes of which model a site is to have, by origin: configuration, command_line, http.",
+);
+/// Actions of people on sets.
+pub const SET_ACTIONS: Declaration = counter(
+    "loadmodeld_set_actions_total",
+    &["action"],
+    "What people did with parameter sets: approve, refuse, roll_back.",
+);
 /// Failures of publishing.
 pub const PUBLISH_ERRORS: Declaration = counter(
     "loadmodeld_publish_errors_total",
     &["what"],
-    "Publications that zenoh refused: set, event.",
+    "Publications that zenoh refused: set, event, diagnosis.",
 );
-/// Queries for parameter sets.
+/// Queries for parameter sets and diagnoses.
 pub const QUERIES: Declaration = counter(
     "loadmodeld_queries_total",
     &["outcome"],
-    "Queries for parameter sets: answered, not_found, malformed, failed.",
+    "Queries for parameter sets and diagnoses: answered, not_found, malformed, failed.",
 );
 /// Errors of the store.
 pub const STORE_ERRORS: Declaration = counter(
@@ -319,6 +360,12 @@ pub const CATALOGUE: &[Declaration] = &[
     HELD_OUT_ERROR,
     HELD_OUT_RATIO,
     ERROR_TO_NOISE,
+    DIAGNOSES,
+    DIAGNOSED_EFFECTS,
+    DIAGNOSIS_ERROR_TO_NOISE,
+    DIAGNOSIS_SECONDS,
+    STRUCTURE_CHANGES,
+    SET_ACTIONS,
     PUBLISH_ERRORS,
     QUERIES,
     STORE_ERRORS,

@@ -77,6 +77,8 @@ pub enum Publication {
     Set,
     /// An event summary.
     Event,
+    /// A diagnosis.
+    Diagnosis,
 }
 
 impl Publication {
@@ -86,6 +88,7 @@ impl Publication {
         match self {
             Self::Set => "set",
             Self::Event => "event",
+            Self::Diagnosis => "diagnosis",
         }
     }
 }
@@ -123,7 +126,7 @@ impl Occurrence for PublishFailed {
 /// How a query ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QueryOutcome {
-    /// With a set.
+    /// With a document.
     Answered,
     /// There is no such site or version.
     NotFound,
@@ -146,7 +149,7 @@ impl QueryOutcome {
     }
 }
 
-/// Somebody asked for a parameter set.
+/// Somebody asked for a parameter set or a diagnosis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct QueryAnswered {
     /// The question.

@@ -1,4 +1,4 @@
-//! `/api/v1`: what the store holds, read only.
+//! `/api/v1`: what the store holds. `actions` has what changes it.
 
 use std::sync::Arc;
 
@@ -14,9 +14,12 @@ use serde_json::{Value, json};
 
 use super::{
     Context,
-    documents::{DecisionDocument, EventDocument, SetDocument, SiteDocument},
+    documents::{
+        DecisionDocument, DiagnosisDocument, EventDocument, SetDocument, SiteDocument,
+        StructureDocument,
+    },
 };
-use crate::adapters::store::{Store, StoreError, StoredSet, WindowQuery};
+use crate::adapters::store::{Store, StoreError, WindowQuery};
 
 pub(super) fn routes() -> Router<Arc<Context>> {
     Router::new()
@@ -26,6 +29,13 @@ pub(super) fn routes() -> Router<Arc<Context>> {
         .route("/api/v1/sites/{site}/sets/{version}", get(set))
         .route("/api/v1/sites/{site}/parameters", get(parameters))
         .route("/api/v1/sites/{site}/decisions", get(decisions))
+        .route("/api/v1/sites/{site}/diagnoses", get(diagnoses))
+        .route(
+            "/api/v1/sites/{site}/diagnoses/latest",
+            get(latest_diagnosis),
+        )
+        .route("/api/v1/sites/{site}/diagnoses/{version}", get(diagnosis))
+        .route("/api/v1/sites/{site}/structure", get(structure))
 }
 
 #[derive(Debug, Deserialize)]
@@ -72,13 +82,46 @@ async fn set(
 ) -> Response {
     let subject = format!("version {version} of `{site}`");
     let found = ask(&context, move |store, _| store.set(&site, version)).await;
-    document(found, &subject)
+    document(found.map(|found| found.map(|set| set.document)), &subject)
 }
 
 async fn parameters(State(context): State<Arc<Context>>, Path(site): Path<String>) -> Response {
     let subject = format!("published set of `{site}`");
     let found = ask(&context, move |store, _| store.set_in_force(&site)).await;
-    document(found, &subject)
+    document(found.map(|found| found.map(|set| set.document)), &subject)
+}
+
+async fn diagnoses(State(context): State<Arc<Context>>, Path(site): Path<String>) -> Response {
+    let found = ask(&context, move |store, count_max| {
+        store.diagnoses(&site, count_max)
+    });
+    list(found.await, |stored| json!(DiagnosisDocument::from(stored)))
+}
+
+async fn latest_diagnosis(
+    State(context): State<Arc<Context>>,
+    Path(site): Path<String>,
+) -> Response {
+    let subject = format!("diagnosis of `{site}`");
+    let found = ask(&context, move |store, _| store.newest_diagnosis(&site)).await;
+    document(found.map(|found| found.and_then(|d| d.document)), &subject)
+}
+
+async fn diagnosis(
+    State(context): State<Arc<Context>>,
+    Path((site, version)): Path<(String, u64)>,
+) -> Response {
+    let subject = format!("diagnosis {version} of `{site}`");
+    let found = ask(&context, move |store, _| store.diagnosis(&site, version)).await;
+    document(found.map(|found| found.and_then(|d| d.document)), &subject)
+}
+
+/// Which model a site is to have, and what it was to have before, newest first.
+async fn structure(State(context): State<Arc<Context>>, Path(site): Path<String>) -> Response {
+    let found = ask(&context, move |store, count_max| {
+        store.structures(&site, count_max)
+    });
+    list(found.await, |record| json!(StructureDocument::from(record)))
 }
 
 /// Asks the store on a thread that may block.
@@ -109,16 +152,16 @@ fn list<T>(found: Result<Vec<T>, Response>, row: impl Fn(&T) -> Value) -> Respon
 }
 
 /// The stored bytes themselves: what was published, not what this version would write.
-fn document(found: Result<Option<StoredSet>, Response>, subject: &str) -> Response {
+fn document(found: Result<Option<String>, Response>, subject: &str) -> Response {
     match found {
-        Ok(Some(set)) => {
-            ([(header::CONTENT_TYPE, "application/json")], set.document).into_response()
+        Ok(Some(document)) => {
+            ([(header::CONTENT_TYPE, "application/json")], document).into_response()
         }
         Ok(None) => problem(StatusCode::NOT_FOUND, &format!("there is no {subject}")),
         Err(response) => response,
     }
 }
 
-fn problem(status: StatusCode, error: &str) -> Response {
+pub(super) fn problem(status: StatusCode, error: &str) -> Response {
     (status, Json(json!({ "error": error }))).into_response()
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::{
     adapters::{
-        store::{DecisionRecord, StoredSet, WindowSummary},
+        store::{DecisionRecord, StoredDiagnosis, StoredSet, StructureRecord, WindowSummary},
         wire::v1::{ScreeningV1, closing_name, rfc3339, trigger_name},
     },
     identification::Decision,
@@ -87,6 +87,46 @@ pub struct DecisionDocument {
     pub decided_utc: String,
 }
 
+/// A diagnosis, without its content.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DiagnosisDocument {
+    /// Site.
+    pub site: String,
+    /// Number.
+    pub version: u64,
+    /// The structure judged.
+    pub structure: Vec<String>,
+    /// Status.
+    pub status: String,
+    /// The answer in one sentence.
+    pub summary: String,
+    /// The declared effect and those not separable from it, best first.
+    pub answer_set: Vec<String>,
+    /// Error over noise to quote; null when there is none.
+    pub error_to_noise: Option<f64>,
+    /// When it was stored, RFC 3339.
+    pub stored_utc: String,
+    /// When it was put on its key, RFC 3339; null until then.
+    pub published_utc: Option<String>,
+}
+
+/// Which model a site is to have since when.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StructureDocument {
+    /// Site.
+    pub site: String,
+    /// Names of the parts.
+    pub structure: Vec<String>,
+    /// `configuration`, `command_line` or `http`.
+    pub origin: &'static str,
+    /// Who said so.
+    pub actor: String,
+    /// Why, in words; may be empty.
+    pub comment: String,
+    /// Since when, RFC 3339.
+    pub changed_utc: String,
+}
+
 impl From<&Site> for SiteDocument {
     fn from(site: &Site) -> Self {
         Self {
@@ -125,6 +165,36 @@ impl From<&StoredSet> for SetDocument {
             content_hash: set.content_hash.clone(),
             committed_utc: rfc3339(set.committed_ns),
             published_utc: set.published_ns.map(rfc3339),
+        }
+    }
+}
+
+impl From<&StoredDiagnosis> for DiagnosisDocument {
+    fn from(stored: &StoredDiagnosis) -> Self {
+        let error = stored.error_to_noise;
+        Self {
+            site: stored.site.clone(),
+            version: stored.version,
+            structure: stored.structure.clone(),
+            status: stored.status.clone(),
+            summary: stored.summary.clone(),
+            answer_set: stored.answer_set.clone(),
+            error_to_noise: error.is_finite().then_some(error),
+            stored_utc: rfc3339(stored.stored_ns),
+            published_utc: stored.published_ns.map(rfc3339),
+        }
+    }
+}
+
+impl From<&StructureRecord> for StructureDocument {
+    fn from(record: &StructureRecord) -> Self {
+        Self {
+            site: record.site.clone(),
+            structure: record.structure.clone(),
+            origin: record.origin.name(),
+            actor: record.actor.clone(),
+            comment: record.comment.clone(),
+            changed_utc: rfc3339(record.changed_ns),
         }
     }
 }

@@ -1,14 +1,21 @@
-//! Metrics, health and the API over HTTP; `adapters::web` has the pages.
+//! Metrics, health, a view of the store, and actions for whoever has the token, over HTTP;
+//! `adapters::web` has the pages.
 
-mod access;
+mod actions;
 mod api;
+pub mod client;
 mod documents;
 pub mod health;
 pub mod options;
 pub mod server;
+pub(in crate::adapters) mod token;
 
-pub use access::WriteAccess;
-pub use documents::{DecisionDocument, EventDocument, SetDocument, SiteDocument};
+pub use actions::{Actions, Change, Refusal};
+pub use documents::{
+    DecisionDocument, DiagnosisDocument, EventDocument, SetDocument, SiteDocument,
+    StructureDocument,
+};
 pub use health::{Health, HealthReport};
-pub use options::HttpOptions;
+pub use options::{HttpOptions, TokenSource};
 pub use server::{Context, bind, serve};
+pub use token::{Token, TokenError};

@@ -12,7 +12,7 @@ use axum::{
 };
 use tokio::net::TcpListener;
 
-use super::{Health, WriteAccess, api};
+use super::{Actions, Health, actions, api};
 use crate::{
     adapters::{prometheus, store::Store, web},
     telemetry::Metrics,
@@ -27,8 +27,11 @@ pub struct Context {
     pub metrics: Arc<Metrics>,
     /// Health.
     pub health: Arc<Health>,
-    /// Who may change something.
-    pub access: WriteAccess,
+    /// What people may do.
+    pub actions: Actions,
+    /// Whether the pages act without asking for the token when reached by an address of this machine:
+    /// for demonstrations.
+    pub open_pages: bool,
     /// Rows of one answer at most.
     pub rows_max: usize,
 }
@@ -65,6 +68,7 @@ fn router(context: Arc<Context>) -> Router {
         .route("/healthz", get(health))
         .route("/livez", get(live))
         .merge(api::routes())
+        .merge(actions::routes())
         .with_state(Arc::clone(&context))
         .merge(web::router(context))
         .layer(middleware::from_fn(with_headers))

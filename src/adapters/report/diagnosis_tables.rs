@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::{
     number::{ABSENT, fixed, significant},
-    staircase::change,
+    staircase::step_in_words,
     tables::scrollable,
 };
 use crate::{
@@ -247,7 +247,7 @@ pub(super) fn steps(improvement: &Improvement) -> Markup {
             }
             tbody { @for (index, step) in improvement.steps.iter().enumerate() { tr {
                 th.number scope="row" { (index) }
-                td { (change(step, index == 0)) }
+                td { (step_in_words(step, index == 0)) }
                 @for of in [
                     (|s: &ErrorSummary| s.error_to_noise) as fn(&ErrorSummary) -> f64,
                     |s| s.eps_p_percent,

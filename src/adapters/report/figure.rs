@@ -290,10 +290,14 @@ impl Figure {
             } else {
                 ""
             })
-            .x_label_formatter(&|x| match self.counts {
-                true if (x - x.round()).abs() > 1e-9 => String::new(),
-                true => number::fixed(*x, 0),
-                false => number::fixed(*x, horizontal_decimals),
+            .x_label_formatter(&|x| {
+                if !self.counts {
+                    number::fixed(*x, horizontal_decimals)
+                } else if (x - x.round()).abs() < 1e-9 {
+                    number::fixed(*x, 0)
+                } else {
+                    String::new()
+                }
             })
             .y_label_formatter(&|y| {
                 if panel.logarithmic {

@@ -8,9 +8,9 @@ use super::{
     figure::{Ink, ReportError},
     number::significant,
     page::{self, drawn, legend, tile},
-    staircase::{change, staircase},
+    staircase::{staircase, step_in_words},
 };
-use crate::diagnosis::{Diagnosis, EventFailure, Improvement};
+use crate::diagnosis::{Diagnosis, EventFailure, Improvement, ImprovementStep};
 
 /// The report of an improvement as one HTML document. The same input gives the same bytes.
 ///
@@ -64,8 +64,8 @@ fn head(improvement: &Improvement) -> Markup {
     }
 }
 
-type Figure = fn(&crate::diagnosis::ImprovementStep) -> f64;
-const QUOTED: [(&str, Figure); 3] = [
+type OfStep = fn(&ImprovementStep) -> f64;
+const QUOTED: [(&str, OfStep); 3] = [
     ("Residual over noise", |step| {
         step.errors.quoted().error_to_noise
     }),
@@ -114,7 +114,7 @@ fn rounds(improvement: &Improvement) -> Markup {
             h2 { "How it came to this" }
             @for (index, (round, step)) in improvement.diagnoses.iter().zip(&improvement.steps).enumerate() {
                 details {
-                    summary { "Step " (index) ", " (change(step, index == 0)) ": " (round.summary) }
+                    summary { "Step " (index) ", " (step_in_words(step, index == 0)) ": " (round.summary) }
                     ul { @for reason in &round.reasons { li { (reason) } } }
                     @if !round.candidates.is_empty() { (diagnosis_tables::rivals(round)) }
                 }

@@ -34,4 +34,5 @@ pub use figure::ReportError;
 pub use improvement::render_improvement;
 pub use profile::profile_svg;
 pub use search_figures::{along_directions, tiers};
+pub use staircase::step_in_words;
 pub use tables::role;

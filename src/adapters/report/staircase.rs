@@ -41,7 +41,7 @@ pub(super) fn staircase(improvement: &Improvement) -> Figure {
     for (k, step) in steps.iter().enumerate() {
         marks.push(Mark::Label {
             at: (k as f64, height(step.errors.quoted())),
-            text: change(step, k == 0),
+            text: step_in_words(step, k == 0),
         });
     }
     let (low, high) = padded(extent(heights.into_iter()));
@@ -99,7 +99,8 @@ fn stairs(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
 }
 
 /// What a step did, in a few characters.
-pub(super) fn change(step: &ImprovementStep, first: bool) -> String {
+#[must_use]
+pub fn step_in_words(step: &ImprovementStep, first: bool) -> String {
     let added = step.added.iter().map(|effect| format!("+ {effect}"));
     let dropped = step
         .dropped
@@ -117,7 +118,7 @@ fn description(steps: &[ImprovementStep]) -> String {
     let each: Vec<String> = (steps.iter().enumerate())
         .map(|(k, step)| {
             let error = step.errors.quoted().error_to_noise;
-            format!("step {k}, {}: {error:.2}", change(step, k == 0))
+            format!("step {k}, {}: {error:.2}", step_in_words(step, k == 0))
         })
         .collect();
     format!("Error over noise after every step: {}.", each.join("; "))

@@ -1,6 +1,7 @@
 //! What every store has to do, whatever is behind it. Each check gets a store of its own, with
 //! [`examples::site`] saved and nothing else in it.
 
+mod history;
 mod jobs;
 mod sets;
 mod upkeep;
@@ -21,7 +22,14 @@ pub(super) type Check = (&'static str, fn(&dyn Store));
 
 /// The whole suite.
 pub(super) fn suite() -> Vec<Check> {
-    [windows::CHECKS, jobs::CHECKS, sets::CHECKS, upkeep::CHECKS].concat()
+    [
+        windows::CHECKS,
+        jobs::CHECKS,
+        sets::CHECKS,
+        history::CHECKS,
+        upkeep::CHECKS,
+    ]
+    .concat()
 }
 
 /// Runs the suite, each check on a fresh store.

@@ -4,8 +4,9 @@ use std::fmt;
 
 use super::{
     Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId, Job,
-    JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewFit, NewJob, Pruned, Saved,
-    StoreCounts, StoreError, StoredFit, StoredSet, WindowQuery, WindowSummary, WindowTally,
+    JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewDiagnosis, NewFit, NewJob,
+    NewStructure, Origin, Pruned, RollBack, Saved, StoreCounts, StoreError, StoredDiagnosis,
+    StoredFit, StoredSet, StructureRecord, WindowQuery, WindowSummary, WindowTally,
 };
 use crate::{
     disturbance::{Screening, Window},
@@ -69,8 +70,8 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// has claimed yet are superseded: their inputs are out of date.
     fn enqueue(&self, job: &NewJob<'_>, now_ns: i64) -> Result<Enqueued, StoreError>;
 
-    /// Hands out the oldest due job of the kinds asked for until the lease ends; a job whose lease
-    /// has ended is due again. No job is ever in two hands at one time. Jobs whose holders died too
+    /// Hands out a due job of the kinds asked for until the lease ends: the oldest, but fits before
+    /// diagnoses; a job whose lease has ended is due again. No job is ever in two hands at one time. Jobs whose holders died too
     /// often are parked on the way.
     fn claim(&self, request: &ClaimRequest<'_>) -> Result<Option<Job>, StoreError>;
 
@@ -130,7 +131,7 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// Keeps a decision with its evidence and, when it is to publish, the parameter set under the
     /// site's next version: one transaction. A fit is decided once; asked again, the first answer
     /// is returned. A set whose content hash the site already has under some version keeps that
-    /// version.
+    /// version; where another version has come since, it counts and is published again.
     ///
     /// [`StoreError::Unknown`] when there is no such fit.
     fn commit_decision(
@@ -170,10 +171,10 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// [`StoreError::Unknown`] when there is no such version.
     fn mark_published(&self, site: &str, version: u64, now_ns: i64) -> Result<Saved, StoreError>;
 
-    /// The set in force: the highest version that has been put on its key. What a queryable answers.
+    /// The set in force: the last version that has been put on its key. What a queryable answers.
     fn set_in_force(&self, site: &str) -> Result<Option<StoredSet>, StoreError>;
 
-    /// The highest version, published or about to be. What the next candidate is compared with.
+    /// The version that came last, published or about to be. What the next candidate is compared with.
     fn newest_set(&self, site: &str) -> Result<Option<StoredSet>, StoreError>;
 
     /// One version.
@@ -182,8 +183,72 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// Versions of a site, newest first, at most `count_max`.
     fn sets(&self, site: &str, count_max: usize) -> Result<Vec<StoredSet>, StoreError>;
 
+    /// Makes an older version count again: it waits to be put on its key once more, with the same
+    /// number and the same bytes.
+    ///
+    /// [`StoreError::Unknown`] when there is no such version.
+    fn roll_back(&self, roll_back: &RollBack<'_>, now_ns: i64) -> Result<Saved, StoreError>;
+
+    /// Keeps a diagnosis under the site's next number. The same inputs make the same diagnosis: the
+    /// first one stays and its number is returned.
+    fn save_diagnosis(
+        &self,
+        diagnosis: &NewDiagnosis<'_>,
+        now_ns: i64,
+    ) -> Result<(u64, Saved), StoreError>;
+
+    /// One diagnosis.
+    fn diagnosis(&self, site: &str, version: u64) -> Result<Option<StoredDiagnosis>, StoreError>;
+
+    /// The newest diagnosis of a site.
+    fn newest_diagnosis(&self, site: &str) -> Result<Option<StoredDiagnosis>, StoreError>;
+
+    /// The diagnosis of these inputs, if it was made before.
+    fn diagnosis_of(
+        &self,
+        site: &str,
+        inputs_hash: &str,
+    ) -> Result<Option<StoredDiagnosis>, StoreError>;
+
+    /// Diagnoses of a site, newest first, at most `count_max`.
+    fn diagnoses(&self, site: &str, count_max: usize) -> Result<Vec<StoredDiagnosis>, StoreError>;
+
+    /// Diagnoses that have not been put on their key yet, oldest first.
+    fn unpublished_diagnoses(&self) -> Result<Vec<StoredDiagnosis>, StoreError>;
+
+    /// Notes that a diagnosis has been put on its key.
+    ///
+    /// [`StoreError::Unknown`] when there is no such diagnosis.
+    fn mark_diagnosis_published(
+        &self,
+        site: &str,
+        version: u64,
+        now_ns: i64,
+    ) -> Result<Saved, StoreError>;
+
+    /// Changes which model a site is to have. A change that changes nothing is answered with the
+    /// record that says so already.
+    ///
+    /// [`StoreError::Structure`] when the change makes no model.
+    fn change_structure(
+        &self,
+        change: &NewStructure<'_>,
+        now_ns: i64,
+    ) -> Result<(StructureRecord, Saved), StoreError>;
+
+    /// The newest record of a site, of one origin or of any: the newest of any is the model that
+    /// is fitted.
+    fn structure(
+        &self,
+        site: &str,
+        origin: Option<Origin>,
+    ) -> Result<Option<StructureRecord>, StoreError>;
+
+    /// Records of a site's structure, newest first, at most `count_max`.
+    fn structures(&self, site: &str, count_max: usize) -> Result<Vec<StructureRecord>, StoreError>;
+
     /// Deletes what is older than `keep` allows, at most `keep.rows_max` rows in one call: call
-    /// again while [`Pruned::more`]. Decisions, parameter sets and the audit trail are never
+    /// again while [`Pruned::more`]. Decisions, parameter sets, structures and the audit trail are never
     /// deleted, nor the waveforms and fits behind a site's newest set.
     fn prune(&self, keep: &Keep, now_ns: i64) -> Result<Pruned, StoreError>;
 

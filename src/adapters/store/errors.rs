@@ -2,7 +2,7 @@
 
 use std::{error::Error, fmt, path::PathBuf};
 
-use crate::adapters::wire::DocumentError;
+use crate::{adapters::wire::DocumentError, load_model::structure::StructureError};
 
 /// Why the store did not do what it was asked to.
 #[derive(Debug, thiserror::Error)]
@@ -84,6 +84,14 @@ pub enum StoreError {
         /// What is wrong with it.
         source: DocumentError,
     },
+    /// The change asked for makes no model.
+    #[error("cannot {operation}: {source}")]
+    Structure {
+        /// What was asked.
+        operation: Operation,
+        /// Why.
+        source: StructureError,
+    },
     /// Anything else, such as an error of the disk.
     #[error("cannot {operation}: {source}")]
     Other {
@@ -117,6 +125,7 @@ impl StoreError {
             Self::ReadOnly { .. } => "read_only",
             Self::Unknown { .. } => "unknown_record",
             Self::Document { .. } => "document",
+            Self::Structure { .. } => "structure",
             Self::Other { .. } => "other",
         }
     }

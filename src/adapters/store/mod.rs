@@ -1,5 +1,5 @@
 //! What the service must not forget: windows with their waveforms, jobs with leases, fits with
-//! every solution, decisions with their evidence, versions of parameter sets.
+//! every solution, decisions with their evidence, versions of parameter sets, diagnoses, structures.
 //!
 //! [`Store`] is the contract, [`SqliteStore`] the embedded implementation (one file), and
 //! `conformance` the suite that every implementation has to pass. `docs/storage.md` holds the
@@ -9,11 +9,15 @@
 mod conformance;
 mod contract;
 mod errors;
+mod history;
 mod records;
 mod sqlite;
 
 pub use contract::Store;
 pub use errors::{Cause, Operation, StoreError};
+pub use history::{
+    NewDiagnosis, NewStructure, Origin, RollBack, StoredDiagnosis, StructureChange, StructureRecord,
+};
 pub use records::{
     Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId, Job,
     JobFailure, JobId, JobKind, JobState, Keep, Lease, LeaseAnswer, NewDecision, NewFit, NewJob,

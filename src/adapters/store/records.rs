@@ -97,11 +97,13 @@ pub enum JobKind {
     IdentifyEvent,
     /// Fits a site's events jointly; the subject is the site.
     IdentifySite,
+    /// Looks for what a site's model misses; the subject is the site. Comes after all fits.
+    DiagnoseSite,
 }
 
 impl JobKind {
     /// Every kind.
-    pub const ALL: [Self; 2] = [Self::IdentifyEvent, Self::IdentifySite];
+    pub const ALL: [Self; 3] = [Self::IdentifyEvent, Self::IdentifySite, Self::DiagnoseSite];
 
     /// Name in the database, in logs and in metrics.
     #[must_use]
@@ -109,6 +111,7 @@ impl JobKind {
         match self {
             Self::IdentifyEvent => "identify_event",
             Self::IdentifySite => "identify_site",
+            Self::DiagnoseSite => "diagnose_site",
         }
     }
 
@@ -419,7 +422,7 @@ pub struct Keep {
     pub waveforms_ns: i64,
     /// Summaries of windows younger than this (by onset); at least `waveforms_ns` is used.
     pub windows_ns: i64,
-    /// Documents of fits younger than this.
+    /// Documents of fits and diagnoses younger than this.
     pub fits_ns: i64,
     /// Finished and superseded jobs younger than this.
     pub jobs_ns: i64,
@@ -434,7 +437,7 @@ pub struct Pruned {
     pub waveforms: usize,
     /// Windows' summaries.
     pub windows: usize,
-    /// Fits' documents.
+    /// Documents of fits and diagnoses.
     pub fits: usize,
     /// Jobs.
     pub jobs: usize,
@@ -459,6 +462,8 @@ pub struct StoreCounts {
     pub sets: u64,
     /// Sets that wait to be published.
     pub sets_unpublished: u64,
+    /// Diagnoses that wait to be published.
+    pub diagnoses_unpublished: u64,
     /// Size of the store, bytes.
     pub bytes: u64,
 }

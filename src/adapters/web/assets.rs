@@ -9,6 +9,8 @@ use axum::{
 };
 use sha2::{Digest, Sha256};
 
+use crate::adapters::http::token::hexadecimal;
+
 /// Name, content type and content of every asset.
 const ASSETS: [(&str, &str, &str); 6] = [
     (
@@ -33,11 +35,7 @@ static BASE: LazyLock<String> = LazyLock::new(|| {
         hash.update(content);
     }
     let digest = hash.finalize();
-    let mark: String = digest
-        .iter()
-        .take(6)
-        .map(|byte| format!("{byte:02x}"))
-        .collect();
+    let mark = hexadecimal(&digest[..6]);
     format!("/static/{mark}/")
 });
 
@@ -46,7 +44,7 @@ pub(super) fn address(name: &str) -> String {
     format!("{}{name}", *BASE)
 }
 
-/// `/static/{mark}/{name}`.
+/// `GET /static/{mark}/{name}`.
 pub(super) async fn serve(Path((mark, name)): Path<(String, String)>) -> Response {
     let current = BASE.split('/').any(|part| part == mark);
     let found = ASSETS.iter().find(|(known, _, _)| *known == name);

@@ -1,4 +1,4 @@
-//! The OpenAPI document, and that it says what there is.
+//! The `OpenAPI` document, and that it says what there is.
 
 use axum::{
     http::header,

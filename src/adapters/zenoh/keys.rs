@@ -52,6 +52,12 @@ impl Keys {
         format!("{}/parameters/{site}", self.prefix)
     }
 
+    /// Diagnoses of one site (`*` for all).
+    #[must_use]
+    pub fn diagnosis(&self, site: &str) -> String {
+        format!("{}/diagnosis/{site}", self.prefix)
+    }
+
     /// Event summaries of one site (`*` for all).
     #[must_use]
     pub fn event(&self, site: &str) -> String {
@@ -73,9 +79,17 @@ impl Keys {
     /// The site of a parameters key; none when it is another key.
     #[must_use]
     pub fn site_of_parameters<'k>(&self, key: &'k str) -> Option<&'k str> {
-        let rest = key
-            .strip_prefix(&self.prefix)?
-            .strip_prefix("/parameters/")?;
+        self.site_below("/parameters/", key)
+    }
+
+    /// The site of a diagnosis key; none when it is another key.
+    #[must_use]
+    pub fn site_of_diagnosis<'k>(&self, key: &'k str) -> Option<&'k str> {
+        self.site_below("/diagnosis/", key)
+    }
+
+    fn site_below<'k>(&self, kind: &str, key: &'k str) -> Option<&'k str> {
+        let rest = key.strip_prefix(&self.prefix)?.strip_prefix(kind)?;
         (!rest.is_empty() && !rest.contains('/')).then_some(rest)
     }
 
@@ -137,6 +151,9 @@ mod tests {
             keys.site_of_parameters(&keys.parameters("north")),
             Some("north")
         );
+        let diagnosis = keys.diagnosis("north");
+        assert_eq!(keys.site_of_diagnosis(&diagnosis), Some("north"));
+        assert_eq!(keys.site_of_parameters(&diagnosis), None);
     }
 
     #[test]

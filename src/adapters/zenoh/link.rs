@@ -49,6 +49,8 @@ impl Link {
         link.subscribe("recording", entrance).await?;
         let parameters = link.keys.parameters("*");
         link.answer(&parameters, entrance).await?;
+        let diagnoses = link.keys.diagnosis("*");
+        link.answer(&diagnoses, entrance).await?;
         let status = link.keys.status(instance);
         link.answer(&status, entrance).await?;
         link.token = Some(
@@ -151,6 +153,15 @@ impl LinkPublisher {
     /// [`ZenohError::Publish`].
     pub async fn put_set(&self, site: &str, document: String) -> Result<(), ZenohError> {
         self.put(&self.keys.parameters(site), document).await
+    }
+
+    /// Puts a diagnosis (JSON) on its key.
+    ///
+    /// # Errors
+    ///
+    /// [`ZenohError::Publish`].
+    pub async fn put_diagnosis(&self, site: &str, document: String) -> Result<(), ZenohError> {
+        self.put(&self.keys.diagnosis(site), document).await
     }
 
     /// Puts an event summary (JSON) on its key.

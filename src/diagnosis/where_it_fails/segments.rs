@@ -41,6 +41,8 @@ pub(super) fn clearing_s(series: &EventSeries) -> Option<f64> {
     let clears = |k: &usize| {
         departure[*k] >= FAULTED_SHARE * deepest
             && departure[*k] - departure[*k + reach] >= STEEP_SHARE * deepest
+            // A fast swing falls as much, but has no edge.
+            && series.near_edge[*k..=*k + reach].contains(&true)
     };
     let last = (onset..series.len().saturating_sub(reach)).rfind(clears)?;
     // Where it comes back most steeply, around the last sample that is still deep.

@@ -3,7 +3,7 @@
 use super::{Channel, EventSeries};
 
 /// Blocks into which a window is cut before it is scanned; bounds the cost of the scan.
-const BLOCKS_MAX: usize = 400;
+const BLOCKS_MAX: usize = 700;
 /// Samples that make one independent value: neighbouring phasors share most of their window.
 const SAMPLES_PER_VALUE: f64 = 4.0;
 /// Standard errors from which a mean counts as off. Chosen: chance reaches it in less than one of

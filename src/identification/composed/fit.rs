@@ -80,6 +80,14 @@ impl ComposedFit {
         self.minus_twice_log_likelihood + self.free.len() as f64 * (self.rows.max(1) as f64).ln()
     }
 
+    /// The criterion by which structures compete: [`Self::bayesian_information`] plus what the priors
+    /// say of the parameters, so that a shape nobody has seen pays for it.
+    #[must_use]
+    pub fn criterion(&self) -> f64 {
+        let prior = 2.0 * self.objective - self.squares.iter().sum::<f64>();
+        self.bayesian_information() + prior
+    }
+
     /// Standard error of a free parameter.
     #[must_use]
     pub fn standard_error(&self, index: usize) -> Option<f64> {

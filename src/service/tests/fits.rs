@@ -28,7 +28,7 @@ fn a_joint_fit_is_stored_decided_on_and_published_in_this_order() {
     assert!(
         publish
             .iter()
-            .any(|c| matches!(c, Command::LoadBacklog(BacklogPart::Sets)))
+            .any(|c| matches!(c, Command::LoadBacklog(BacklogPart::Unpublished)))
     );
     assert_eq!(
         end_of(&publish),
@@ -61,7 +61,8 @@ fn a_set_that_was_decided_on_while_stopping_is_published_before_the_end() {
         },
     ];
     let site = || "north".to_owned();
-    let set = PendingSet {
+    let set = PendingDocument {
+        kind: DocumentKind::Set,
         site: site(),
         version: 1,
         document: "{}".to_owned(),
@@ -70,11 +71,8 @@ fn a_set_that_was_decided_on_while_stopping_is_published_before_the_end() {
         unpublished: vec![set],
         ..Backlog::default()
     };
-    steps.push(Event::BacklogLoaded(BacklogPart::Sets, backlog));
-    steps.push(Event::SetPublished {
-        site: site(),
-        version: 1,
-    });
+    steps.push(Event::BacklogLoaded(BacklogPart::Unpublished, backlog));
+    steps.push(published(site(), 1));
     for step in steps {
         let commands = bench.apply(step);
         assert!(
@@ -83,6 +81,7 @@ fn a_set_that_was_decided_on_while_stopping_is_published_before_the_end() {
         );
     }
     let last = bench.apply(Event::PublicationMarked {
+        kind: DocumentKind::Set,
         site: site(),
         version: 1,
     });

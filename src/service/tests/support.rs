@@ -35,6 +35,7 @@ impl Bench {
             concentrator: ConcentratorOptions::default(),
             detector: DetectorOptions::default(),
             screening: ScreeningOptions::default(),
+            structure: vec!["zip".to_owned(), "induction_motor".to_owned()],
         };
         Self {
             state: State::new(options, vec![site]),
@@ -129,6 +130,7 @@ pub(super) fn claimed(job: i64, kind: WorkKind) -> Claimed {
         work: match kind {
             WorkKind::Event => Work::event("north", &format!("north-{job}")),
             WorkKind::Site => Work::site("north"),
+            WorkKind::Diagnosis => Work::diagnosis("north"),
         },
     }
 }

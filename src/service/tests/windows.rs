@@ -63,7 +63,7 @@ fn a_refused_window_is_announced_and_not_fitted() {
         marks: Vec::new(),
     };
     let commands = bench.apply(Event::BacklogLoaded(
-        BacklogPart::WindowsAndSets,
+        BacklogPart::WindowsAndUnpublished,
         Backlog {
             unannounced: vec![(window, screening)],
             ..Backlog::default()

@@ -13,6 +13,7 @@ pub(super) const CHECKS: &[Check] = &[
     ("a newer job supersedes the older", newer_supersedes),
     ("a job of an unknown site is refused", unknown_site),
     ("jobs are handed out in order", in_order),
+    ("fits come before diagnoses", fits_first),
     ("a job in hands is not handed out", not_twice),
     ("an expired lease is claimed again", expired_again),
     ("a heartbeat keeps the lease", heartbeat_keeps),
@@ -53,6 +54,17 @@ fn claim(store: &dyn Store, worker: &str, now_s: f64) -> Option<Job> {
         interruptions_max: 3,
     };
     store.claim(&request).unwrap()
+}
+
+fn fits_first(store: &dyn Store) {
+    let diagnosis = NewJob {
+        kind: JobKind::DiagnoseSite,
+        ..new_job("site-01", "1")
+    };
+    store.enqueue(&diagnosis, 1).unwrap();
+    queue(store, "a", "1");
+    let kinds = [0.0, 1.0].map(|now_s| claim(store, "w", now_s).unwrap().kind);
+    assert_eq!(kinds, [JobKind::IdentifyEvent, JobKind::DiagnoseSite]);
 }
 
 fn queued_once(store: &dyn Store) {

@@ -16,7 +16,10 @@ const APPLICATION_ID: i32 = 0x4c4d_4431;
 
 /// The schema, step by step; the number of a step is its place, from 1. A step that has been
 /// released is never changed.
-const MIGRATIONS: [&str; 1] = [include_str!("migrations/0001_initial.sql")];
+const MIGRATIONS: [&str; 2] = [
+    include_str!("migrations/0001_initial.sql"),
+    include_str!("migrations/0002_diagnoses_and_structures.sql"),
+];
 
 /// Bytes per page, SQLite's own default, fixed here because the size limit counts pages.
 const PAGE_BYTES: i64 = 4096;

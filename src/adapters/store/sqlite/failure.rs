@@ -2,9 +2,12 @@
 
 use rusqlite::ErrorCode;
 
-use crate::adapters::{
-    store::{Operation, StoreError},
-    wire::DocumentError,
+use crate::{
+    adapters::{
+        store::{Operation, StoreError},
+        wire::DocumentError,
+    },
+    load_model::structure::StructureError,
 };
 
 /// What may go wrong inside one operation, before the operation's name is put to it.
@@ -12,6 +15,7 @@ use crate::adapters::{
 pub(super) enum Trouble {
     Database(rusqlite::Error),
     Document(DocumentError),
+    Structure(StructureError),
     Unknown {
         what: &'static str,
         id: String,
@@ -31,6 +35,7 @@ impl Trouble {
     pub(super) fn during(self, operation: Operation) -> StoreError {
         match self {
             Self::Document(source) => StoreError::Document { operation, source },
+            Self::Structure(source) => StoreError::Structure { operation, source },
             Self::Unknown { what, id } => StoreError::Unknown {
                 operation,
                 what,
@@ -51,6 +56,12 @@ impl From<rusqlite::Error> for Trouble {
 impl From<DocumentError> for Trouble {
     fn from(error: DocumentError) -> Self {
         Self::Document(error)
+    }
+}
+
+impl From<StructureError> for Trouble {
+    fn from(error: StructureError) -> Self {
+        Self::Structure(error)
     }
 }
 

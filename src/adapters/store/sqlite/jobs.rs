@@ -104,8 +104,9 @@ pub(super) fn claim(
                  WHERE ((state = 'queued' AND due_ns <= ?3)
                         OR (state = 'claimed' AND lease_until_ns <= ?3))
                    AND kind IN ({places})
-                 ORDER BY id LIMIT 1)
-             RETURNING {COLUMNS}"
+                 ORDER BY kind = '{last}', id LIMIT 1)
+             RETURNING {COLUMNS}",
+            last = JobKind::DiagnoseSite.name()
         ))?
         .query_row(params_from_iter(values), stored_job)
         .optional()?;

@@ -7,11 +7,13 @@
 
 mod connection;
 mod decisions;
+mod diagnoses;
 mod failure;
 mod fits;
 mod jobs;
 mod sets;
 mod store;
+mod structures;
 mod upkeep;
 mod windows;
 

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     adapters::{
-        store::{FitId, Saved, StoredSet},
+        store::{FitId, RollBack, Saved, StoredSet},
         wire::v1::{decode_parameter_set, encode_parameter_set},
     },
     identification::ParameterSet,
@@ -19,7 +19,8 @@ use crate::{
 const SELECT: &str = "SELECT site, version, content_hash, document, fit_id, committed_ns, \
                       published_ns FROM parameter_sets";
 
-/// Gives a candidate its site's next version, or finds the one its content has already.
+/// Gives a candidate its site's next version, or finds the one its content has already and lets it
+/// count again.
 pub(super) fn assign_version(
     transaction: &Transaction<'_>,
     candidate: &CandidateSet,
@@ -32,7 +33,9 @@ pub(super) fn assign_version(
         })
         .optional()?;
     if let Some(version) = known {
-        return Ok(version.unsigned_abs());
+        let version = version.unsigned_abs();
+        take_turn(transaction, &candidate.site, version)?;
+        return Ok(version);
     }
     let newest: i64 = transaction
         .prepare_cached("SELECT coalesce(max(version), 0) FROM parameter_sets WHERE site = ?1")?
@@ -43,8 +46,10 @@ pub(super) fn assign_version(
         ..decode_parameter_set(&candidate.document)?
     };
     transaction.execute(
-        "INSERT INTO parameter_sets (site, version, content_hash, document, fit_id, committed_ns)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+        "INSERT INTO parameter_sets
+             (site, version, content_hash, document, fit_id, committed_ns, turn)
+         SELECT ?1, ?2, ?3, ?4, ?5, ?6, coalesce(max(turn), 0) + 1
+         FROM parameter_sets WHERE site = ?1",
         params![
             candidate.site,
             version_number(version),
@@ -55,6 +60,42 @@ pub(super) fn assign_version(
         ],
     )?;
     Ok(version)
+}
+
+/// Makes a version the one that counts, to be published again. Returns whether another one did.
+fn take_turn(transaction: &Transaction<'_>, site: &str, version: u64) -> Result<bool, Trouble> {
+    let changed = transaction.execute(
+        "UPDATE parameter_sets SET published_ns = NULL,
+             turn = (SELECT max(n.turn) + 1 FROM parameter_sets n WHERE n.site = ?1)
+         WHERE site = ?1 AND version = ?2
+           AND turn < (SELECT max(n.turn) FROM parameter_sets n WHERE n.site = ?1)",
+        params![site, version_number(version)],
+    )?;
+    Ok(changed > 0)
+}
+
+pub(super) fn roll_back(
+    transaction: &Transaction<'_>,
+    to: &RollBack<'_>,
+    now_ns: i64,
+) -> Result<Saved, Trouble> {
+    if by_version(transaction, to.site, to.version)?.is_none() {
+        return Err(Trouble::unknown(
+            "parameter set",
+            format!("{} version {}", to.site, to.version),
+        ));
+    }
+    if !take_turn(transaction, to.site, to.version)? {
+        return Ok(Saved::AlreadyStored);
+    }
+    let entry = AuditEntry {
+        site: to.site,
+        actor: to.actor,
+        action: "roll_back",
+        detail: json!({"version": to.version, "comment": to.comment}),
+    };
+    entry.write(transaction, now_ns)?;
+    Ok(Saved::Stored)
 }
 
 /// A version as SQLite takes it. One beyond its integers was never assigned, and matches nothing.
@@ -104,7 +145,7 @@ pub(super) fn in_force(connection: &Connection, site: &str) -> Result<Option<Sto
     first(
         connection,
         &format!(
-            "{SELECT} WHERE site = ?1 AND published_ns IS NOT NULL ORDER BY version DESC LIMIT 1"
+            "{SELECT} WHERE site = ?1 AND published_ns IS NOT NULL ORDER BY turn DESC LIMIT 1"
         ),
         [site],
     )
@@ -113,7 +154,7 @@ pub(super) fn in_force(connection: &Connection, site: &str) -> Result<Option<Sto
 pub(super) fn newest(connection: &Connection, site: &str) -> Result<Option<StoredSet>, Trouble> {
     first(
         connection,
-        &format!("{SELECT} WHERE site = ?1 ORDER BY version DESC LIMIT 1"),
+        &format!("{SELECT} WHERE site = ?1 ORDER BY turn DESC LIMIT 1"),
         [site],
     )
 }

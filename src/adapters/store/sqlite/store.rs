@@ -1,11 +1,12 @@
 //! The contract of the store, call by call.
 
-use super::{SqliteStore, decisions, fits, jobs, sets, upkeep, windows};
+use super::{SqliteStore, decisions, diagnoses, fits, jobs, sets, structures, upkeep, windows};
 use crate::{
     adapters::store::{
         Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId,
-        Job, JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewFit, NewJob, Operation,
-        Pruned, Saved, Store, StoreCounts, StoreError, StoredFit, StoredSet, WindowQuery,
+        Job, JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewDiagnosis, NewFit,
+        NewJob, NewStructure, Operation, Origin, Pruned, RollBack, Saved, Store, StoreCounts,
+        StoreError, StoredDiagnosis, StoredFit, StoredSet, StructureRecord, WindowQuery,
         WindowSummary, WindowTally,
     },
     disturbance::{Screening, Window},
@@ -221,6 +222,94 @@ impl Store for SqliteStore {
     fn sets(&self, site: &str, count_max: usize) -> Result<Vec<StoredSet>, StoreError> {
         self.read(Operation("list parameter sets"), |c| {
             sets::of_site(c, site, count_max)
+        })
+    }
+
+    fn roll_back(&self, roll_back: &RollBack<'_>, now_ns: i64) -> Result<Saved, StoreError> {
+        self.write(Operation("roll back to a parameter set"), |t| {
+            sets::roll_back(t, roll_back, now_ns)
+        })
+    }
+
+    fn save_diagnosis(
+        &self,
+        diagnosis: &NewDiagnosis<'_>,
+        now_ns: i64,
+    ) -> Result<(u64, Saved), StoreError> {
+        self.write(Operation("save a diagnosis"), |t| {
+            diagnoses::save(t, diagnosis, now_ns)
+        })
+    }
+
+    fn diagnosis(&self, site: &str, version: u64) -> Result<Option<StoredDiagnosis>, StoreError> {
+        self.read(Operation("read a diagnosis"), |c| {
+            diagnoses::by_version(c, site, version)
+        })
+    }
+
+    fn newest_diagnosis(&self, site: &str) -> Result<Option<StoredDiagnosis>, StoreError> {
+        self.read(Operation("read the newest diagnosis"), |c| {
+            diagnoses::newest(c, site)
+        })
+    }
+
+    fn diagnosis_of(
+        &self,
+        site: &str,
+        inputs_hash: &str,
+    ) -> Result<Option<StoredDiagnosis>, StoreError> {
+        self.read(Operation("look for a diagnosis"), |c| {
+            diagnoses::by_inputs(c, site, inputs_hash)
+        })
+    }
+
+    fn diagnoses(&self, site: &str, count_max: usize) -> Result<Vec<StoredDiagnosis>, StoreError> {
+        self.read(Operation("list diagnoses"), |c| {
+            diagnoses::of_site(c, site, count_max)
+        })
+    }
+
+    fn unpublished_diagnoses(&self) -> Result<Vec<StoredDiagnosis>, StoreError> {
+        self.read(
+            Operation("list unpublished diagnoses"),
+            diagnoses::unpublished,
+        )
+    }
+
+    fn mark_diagnosis_published(
+        &self,
+        site: &str,
+        version: u64,
+        now_ns: i64,
+    ) -> Result<Saved, StoreError> {
+        self.write(Operation("mark a diagnosis as published"), |t| {
+            diagnoses::mark_published(t, site, version, now_ns)
+        })
+    }
+
+    fn change_structure(
+        &self,
+        change: &NewStructure<'_>,
+        now_ns: i64,
+    ) -> Result<(StructureRecord, Saved), StoreError> {
+        self.write(Operation("change a structure"), |t| {
+            structures::change(t, change, now_ns)
+        })
+    }
+
+    fn structure(
+        &self,
+        site: &str,
+        origin: Option<Origin>,
+    ) -> Result<Option<StructureRecord>, StoreError> {
+        self.read(Operation("read a structure"), |c| {
+            structures::newest(c, site, origin)
+        })
+    }
+
+    fn structures(&self, site: &str, count_max: usize) -> Result<Vec<StructureRecord>, StoreError> {
+        self.read(Operation("list structures"), |c| {
+            structures::of_site(c, site, count_max)
         })
     }
 

@@ -248,8 +248,33 @@ fn a_newer_schema_is_refused_and_left_alone() {
     let error = open(&path).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the store has schema 99, this program knows schemas up to 1: use the newer program"
+        "the store has schema 99, this program knows schemas up to 2: use the newer program"
     );
+}
+
+#[test]
+fn a_store_of_the_first_schema_is_brought_up_to_date_with_all_it_holds() {
+    let directory = TempDir::new().unwrap();
+    let path = directory.path().join("store.sqlite");
+    let old = Connection::open(&path).unwrap();
+    old.execute_batch(include_str!("migrations/0001_initial.sql"))
+        .unwrap();
+    old.pragma_update(None, "application_id", 0x4c4d_4431)
+        .unwrap();
+    old.pragma_update(None, "user_version", 1).unwrap();
+    old.execute_batch(
+        "PRAGMA foreign_keys = OFF;
+         INSERT INTO sites VALUES ('north', 40, 110, 50, 1);
+         INSERT INTO parameter_sets VALUES ('north', 1, 'a', '{}', 1, 10, 11);
+         INSERT INTO parameter_sets VALUES ('north', 2, 'b', '{}', 2, 20, 21);",
+    )
+    .unwrap();
+    drop(old);
+    let store = open(&path).unwrap();
+    assert_eq!(store.newest_set("north").unwrap().unwrap().version, 2);
+    assert_eq!(store.set_in_force("north").unwrap().unwrap().version, 2);
+    assert!(store.newest_diagnosis("north").unwrap().is_none());
+    assert!(store.structure("north", None).unwrap().is_none());
 }
 
 #[test]

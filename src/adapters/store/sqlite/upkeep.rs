@@ -12,7 +12,7 @@ const OLD_WAVEFORMS: &str = "DELETE FROM waveforms WHERE window_id IN (
       AND NOT EXISTS (
           SELECT 1 FROM fit_events e JOIN parameter_sets p ON p.fit_id = e.fit_id
           WHERE e.window_id = w.id
-            AND p.version = (SELECT max(n.version) FROM parameter_sets n WHERE n.site = p.site))
+            AND p.turn = (SELECT max(n.turn) FROM parameter_sets n WHERE n.site = p.site))
       AND NOT EXISTS (
           SELECT 1 FROM jobs j WHERE j.subject = w.id AND j.state IN ('queued', 'claimed'))
     ORDER BY w.onset_ns LIMIT ?2)";
@@ -39,8 +39,15 @@ const OLD_DOCUMENTS: &str = "UPDATE fits SET set_document = NULL, document = NUL
       AND NOT EXISTS (
           SELECT 1 FROM parameter_sets p
           WHERE p.fit_id = f.id
-            AND p.version = (SELECT max(n.version) FROM parameter_sets n WHERE n.site = p.site))
+            AND p.turn = (SELECT max(n.turn) FROM parameter_sets n WHERE n.site = p.site))
     ORDER BY f.id LIMIT ?2)";
+
+/// Documents of diagnoses that are published, but for a site's newest.
+const OLD_DIAGNOSES: &str = "UPDATE diagnoses SET document = NULL WHERE rowid IN (
+    SELECT d.rowid FROM diagnoses d
+    WHERE d.stored_ns < ?1 AND d.document IS NOT NULL AND d.published_ns IS NOT NULL
+      AND d.version < (SELECT max(n.version) FROM diagnoses n WHERE n.site = d.site)
+    ORDER BY d.stored_ns LIMIT ?2)";
 
 const OLD_JOBS: &str = "DELETE FROM jobs WHERE id IN (
     SELECT id FROM jobs WHERE state IN ('done', 'superseded') AND ended_ns < ?1
@@ -64,11 +71,12 @@ pub(super) fn prune(
     let windows = delete(OLD_WINDOWS, keep.windows_ns.max(keep.waveforms_ns))?;
     let undecided = delete(OLD_UNDECIDED_FITS, keep.fits_ns)?;
     let documents = delete(OLD_DOCUMENTS, keep.fits_ns)?;
+    let diagnoses = delete(OLD_DIAGNOSES, keep.fits_ns)?;
     let jobs = delete(OLD_JOBS, keep.jobs_ns)?;
     Ok(Pruned {
         waveforms,
         windows,
-        fits: undecided + documents,
+        fits: undecided + documents + diagnoses,
         jobs,
         more: left == 0,
     })
@@ -97,7 +105,8 @@ pub(super) fn counts(connection: &Connection, now_ns: i64) -> Result<StoreCounts
                       WHERE state = 'queued' AND due_ns <= ?1),
                  (SELECT count(*) FROM windows),
                  (SELECT count(*) FROM parameter_sets),
-                 (SELECT count(*) FROM parameter_sets WHERE published_ns IS NULL)",
+                 (SELECT count(*) FROM parameter_sets WHERE published_ns IS NULL),
+                 (SELECT count(*) FROM diagnoses WHERE published_ns IS NULL)",
         )?
         .query_row([now_ns], |row| {
             let number = |at| row.get::<_, i64>(at).map(i64::unsigned_abs);
@@ -110,6 +119,7 @@ pub(super) fn counts(connection: &Connection, now_ns: i64) -> Result<StoreCounts
                 windows: number(4)?,
                 sets: number(5)?,
                 sets_unpublished: number(6)?,
+                diagnoses_unpublished: number(7)?,
                 bytes: pages.unsigned_abs() * page_bytes.unsigned_abs(),
             })
         })?;

@@ -219,15 +219,19 @@ impl Page for Pair {
     }
 }
 
+/// Title, height, least span and value of a panel.
+type Channel = (&'static str, u32, f64, fn(&Sample) -> f64);
+
+const CHANNELS: [Channel; 4] = [
+    ("Voltage V, pu", 130, 0.004, |s| s.voltage_pu),
+    ("Frequency f, Hz", 110, 0.02, |s| s.frequency_hz),
+    ("Active power P, pu", 180, 0.004, |s| s.active_pu),
+    ("Reactive power Q, pu", 180, 0.004, |s| s.reactive_pu),
+];
+
 impl Pair {
     fn chart(&self) -> Chart {
-        let channels: [(&str, u32, f64, fn(&Sample) -> f64); 4] = [
-            ("Voltage V, pu", 130, 0.004, |s| s.voltage_pu),
-            ("Frequency f, Hz", 110, 0.02, |s| s.frequency_hz),
-            ("Active power P, pu", 180, 0.004, |s| s.active_pu),
-            ("Reactive power Q, pu", 180, 0.004, |s| s.reactive_pu),
-        ];
-        let panels = channels.map(|(title, height, least, value)| {
+        let panels = CHANNELS.map(|(title, height, least, value)| {
             let series = self.members.each_ref().map(|member| member.channel(value));
             let vertical = padded(span_of(series.iter().flatten()), least);
             let inks = [Ink::Measured, Ink::Model];

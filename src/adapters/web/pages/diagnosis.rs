@@ -16,6 +16,7 @@ use super::{
         layout::{SiteHead, Tab},
         plot::Chart,
         problem::Problem,
+        session::Access,
         view::{self, Form, Page, Table, cell},
     },
     diagnosis_charts, diagnosis_view,
@@ -32,10 +33,11 @@ const LISTED_MAX: usize = 50;
 pub(in super::super) async fn show(
     State(desk): State<Arc<Desk>>,
     Path(site): Path<String>,
+    access: Access,
     uri: Uri,
 ) -> Response {
     view::show(desk, uri, move |desk| {
-        DiagnosisPage::load(desk, &site, None)
+        DiagnosisPage::load(desk, &site, None, access)
     })
     .await
 }
@@ -44,11 +46,12 @@ pub(in super::super) async fn show(
 pub(in super::super) async fn show_one(
     State(desk): State<Arc<Desk>>,
     Path((site, version)): Path<(String, String)>,
+    access: Access,
     uri: Uri,
 ) -> Response {
     let version = Form::of(&version).0.to_owned();
     view::show(desk, uri, move |desk| {
-        DiagnosisPage::load(desk, &site, Some(&version))
+        DiagnosisPage::load(desk, &site, Some(&version), access)
     })
     .await
 }
@@ -62,10 +65,16 @@ pub(super) struct DiagnosisPage {
     pub(super) history: Vec<StoredDiagnosis>,
     /// The structure that is to be fitted now.
     pub(super) wanted: Option<StructureRecord>,
+    pub(super) access: Access,
 }
 
 impl DiagnosisPage {
-    fn load(desk: &Desk, site: &str, version: Option<&str>) -> Result<Self, Problem> {
+    fn load(
+        desk: &Desk,
+        site: &str,
+        version: Option<&str>,
+        access: Access,
+    ) -> Result<Self, Problem> {
         let head = SiteHead::load(desk, site)?;
         let store = desk.store();
         let stored = match version {
@@ -92,6 +101,7 @@ impl DiagnosisPage {
             head,
             stored,
             diagnosis,
+            access,
         })
     }
 }

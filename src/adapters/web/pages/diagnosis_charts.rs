@@ -29,7 +29,9 @@ pub(super) fn all(diagnosis: &DiagnosisV1) -> Vec<Chart> {
 /// Held-out error with each candidate, beside that without and the floor.
 pub(super) fn candidates(diagnosis: &DiagnosisV1) -> Chart {
     let refitted = diagnosis.candidates.iter().filter_map(|candidate| {
-        let after = candidate.held_out_error_after?;
+        let after = candidate
+            .held_out_error_after
+            .filter(|error| *error > 0.0)?;
         Some((
             candidate.effect.clone(),
             candidate.held_out_error_before.unwrap_or(f64::NAN),

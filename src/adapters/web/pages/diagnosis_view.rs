@@ -85,15 +85,31 @@ fn offer(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
         .filter(|effect| !present(effect))
         .collect();
     html! {
-        @if let Some(first) = open.first() {
-            p.actions {
-                a.button href=(page.head.address(&format!("structure?add={}", segment(first)))) {
-                    "Add " (words::effect(first)) " to the model"
-                }
-                @for other in open.iter().skip(1) {
-                    a href=(page.head.address(&format!("structure?add={}", segment(other)))) { "or " (words::effect(other)) }
-                }
+        @if !open.is_empty() {
+            div.actions {
+                @for (place, effect) in open.iter().enumerate() { (adding(page, effect, place == 0)) }
             }
+        }
+    }
+}
+
+/// A form that adds an effect; a way to it for those who may not act yet.
+fn adding(page: &DiagnosisPage, effect: &str, first: bool) -> Markup {
+    let address = page.head.address("structure");
+    let (before, after) = if first {
+        ("Add ", " to the model")
+    } else {
+        ("or add ", "")
+    };
+    html! {
+        @if page.access.may_write {
+            form method="post" action=(address) {
+                input type="hidden" name="csrf" value=(page.access.csrf);
+                input type="hidden" name="add" value=(effect);
+                button.main[first] type="submit" { (before) (words::effect(effect)) (after) }
+            }
+        } @else {
+            a.button[first] href={ (address) "?add=" (segment(effect)) } { (before) (words::effect(effect)) (after) }
         }
     }
 }
@@ -130,7 +146,7 @@ fn candidates(diagnosis: &DiagnosisV1) -> Markup {
                     td.num { (candidate.held_out_error_before.map_or_else(String::new, |v| number::significant(v, 3))) }
                     td.num { (candidate.held_out_error_after.map_or_else(String::new, |v| number::significant(v, 3))) }
                     td.num { (candidate.share_of_best_gain.map_or_else(String::new, percent)) }
-                    td { @for (name, p) in &candidate.parameters {
+                    td.values { @for (name, p) in &candidate.parameters {
                         span.value { (name.rsplit('.').next().unwrap_or(name).replace('_', " ")) " " (number::significant(p.value, 3))
                             @if p.unit != "1" { " " (p.unit) } } " "
                     } }

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{
     super::{
         desk::Judged,
-        layout::{SiteHead, Tab, segment, verdict},
+        layout::{SiteHead, Tab, verdict},
         plot,
         problem::Problem,
         view::{Page, Table, cell},

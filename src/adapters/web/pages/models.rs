@@ -68,8 +68,7 @@ fn fit_label(fit: &StoredFit) -> String {
     let of = match fit.kind {
         JobKind::IdentifySite => "joint fit",
         JobKind::IdentifyEvent => "fit of one event alone",
-        #[allow(unreachable_patterns, reason = "further kinds of jobs make no fits")]
-        _ => "fit",
+        JobKind::DiagnoseSite => "diagnosis",
     };
     format!("{of} {}: {}", fit.id.0, words::structure(&fit.structure))
 }

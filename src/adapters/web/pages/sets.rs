@@ -155,7 +155,7 @@ pub(in super::super) async fn show_one(
 
 struct Sets {
     head: SiteHead,
-    sets: Vec<(StoredSet, ParameterSet)>,
+    versions: Vec<(StoredSet, ParameterSet)>,
     decisions: Vec<DecisionRecord>,
     choices: Vec<Choice>,
     asked: (String, String),
@@ -166,7 +166,7 @@ struct Sets {
 impl Sets {
     fn load(desk: &Desk, site: &str, asked: &Asked, access: Access) -> Result<Self, Problem> {
         let head = SiteHead::load(desk, site)?;
-        let sets = desk
+        let versions = desk
             .store()
             .sets(site, SHOWN_MAX)?
             .into_iter()
@@ -198,7 +198,7 @@ impl Sets {
         let decisions = desk.store().decisions(site, SHOWN_MAX)?;
         Ok(Self {
             head,
-            sets,
+            versions,
             decisions,
             choices,
             asked: ends.unwrap_or_default(),
@@ -227,7 +227,7 @@ impl Page for Sets {
     fn body(&self, _source: &str) -> Markup {
         html! {
             h1 { "Parameter sets" }
-            @if self.sets.is_empty() { p { "No set has been published yet." } } @else { (self.history()) }
+            @if self.versions.is_empty() { p { "No set has been published yet." } } @else { (self.history()) }
             @if let Some(difference) = &self.difference {
                 h2 { "What changed" }
                 form.filter method="get" {
@@ -246,7 +246,7 @@ impl Page for Sets {
         Ok(json!({
             "site": self.head.site.name,
             "in_force": self.in_force(),
-            "sets": self.sets.iter().map(|(stored, _)| SetDocument::from(stored)).collect::<Vec<_>>(),
+            "sets": self.versions.iter().map(|(stored, _)| SetDocument::from(stored)).collect::<Vec<_>>(),
             "decisions": self.decisions.iter().map(DecisionDocument::from).collect::<Vec<_>>(),
             "difference": self.difference.as_ref().map(Difference::json),
         }))
@@ -265,7 +265,7 @@ impl Page for Sets {
             "content_hash",
         ]);
         table.rows = self
-            .sets
+            .versions
             .iter()
             .map(|(stored, set)| {
                 let document = SetDocument::from(stored);
@@ -298,7 +298,7 @@ impl Sets {
                         th.num scope="col" { "Held-out error of P, %" } th.num scope="col" { "of Q, %" }
                         th.num scope="col" { "Error / noise" } th scope="col" { "Files" } th scope="col" { span.hidden { "Actions" } }
                     } }
-                    tbody { @for (stored, set) in &self.sets {
+                    tbody { @for (stored, set) in &self.versions {
                         @let page = self.head.address(&format!("sets/{}", stored.version));
                         tr {
                             th scope="row" { a href=(page) { "version " (stored.version) }

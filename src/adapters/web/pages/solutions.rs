@@ -56,7 +56,8 @@ struct Found {
 
 #[derive(Debug, Deserialize)]
 struct Solution {
-    id: usize,
+    #[serde(rename = "id")]
+    number: usize,
     tier: usize,
     found_from: Option<usize>,
     direction: Option<usize>,
@@ -68,7 +69,8 @@ struct Solution {
 #[derive(Debug, Deserialize)]
 struct Direction {
     from: usize,
-    direction: usize,
+    #[serde(rename = "direction")]
+    number: usize,
     label: String,
     exit_distance: Option<f64>,
     outcome: String,
@@ -191,7 +193,7 @@ impl Page for Solutions {
             .iter()
             .map(|solution| {
                 let mut row = vec![
-                    solution.id.to_string(),
+                    solution.number.to_string(),
                     solution.tier.to_string(),
                     optional(solution.found_from),
                     optional(solution.direction),
@@ -252,7 +254,11 @@ fn waterfall(found: &Found) -> Chart {
         description: "The objective of every local solution in ascending order.".to_owned(),
         horizontal_title: "solution".to_owned(),
         horizontal: (-0.5, count - 0.5),
-        names: found.solutions.iter().map(|s| s.id.to_string()).collect(),
+        names: found
+            .solutions
+            .iter()
+            .map(|s| s.number.to_string())
+            .collect(),
         x: (0..y.len()).map(|k| k as f64).collect(),
         linked: None,
         panels: vec![Panel {
@@ -274,7 +280,10 @@ fn waterfall(found: &Found) -> Chart {
 
 fn tiers(found: &Found) -> Chart {
     let place = |id: usize| {
-        let solution = found.solutions.iter().find(|solution| solution.id == id)?;
+        let solution = found
+            .solutions
+            .iter()
+            .find(|solution| solution.number == id)?;
         Some((solution.tier as f64, logarithm(solution.objective)))
     };
     let mut marks = Vec::new();
@@ -319,17 +328,7 @@ fn tiers(found: &Found) -> Chart {
         y: y.clone(),
         shade: None,
     });
-    marks.extend(
-        found
-            .solutions
-            .iter()
-            .zip(&y)
-            .map(|(solution, &y)| Mark::Label {
-                x: solution.tier as f64,
-                y,
-                text: solution.id.to_string(),
-            }),
-    );
+    marks.extend(labels(found, &y));
     let last = found.solutions.iter().map(|s| s.tier).max().unwrap_or(0);
     Chart {
         id: "tiers".to_owned(),
@@ -352,13 +351,33 @@ fn tiers(found: &Found) -> Chart {
     }
 }
 
+/// A number beside each solution; those that lie on each other share one label.
+fn labels(found: &Found, y: &[f64]) -> Vec<Mark> {
+    let span = span_of(y).map_or(1.0, |(low, high)| (high - low).max(f64::MIN_POSITIVE));
+    let mut labels: Vec<(f64, f64, String)> = Vec::new();
+    for (solution, &y) in found.solutions.iter().zip(y) {
+        let x = solution.tier as f64;
+        let near = |label: &&mut (f64, f64, String)| {
+            (label.0 - x).abs() < 0.5 && (label.1 - y).abs() < 0.06 * span
+        };
+        match labels.iter_mut().find(near) {
+            Some(label) => label.2 = format!("{}, {}", label.2, solution.number),
+            None => labels.push((x, y, solution.number.to_string())),
+        }
+    }
+    let marks = labels
+        .into_iter()
+        .map(|(x, y, text)| Mark::Label { x, y, text });
+    marks.collect()
+}
+
 fn parameters(found: &Found) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label="Parameters of each solution" {
             table.list {
                 thead { tr {
                     th scope="col" { "Parameter" }
-                    @for solution in &found.solutions { th.num scope="col" { "solution " (solution.id) } }
+                    @for solution in &found.solutions { th.num scope="col" { "solution " (solution.number) } }
                 } }
                 tbody {
                     tr { th scope="row" { "objective" }
@@ -393,7 +412,7 @@ fn directions(found: &Found) -> Markup {
                     th.num scope="col" { "Exit at" } th scope="col" { "Outcome" } th.num scope="col" { "Solution" }
                 } }
                 tbody { @for direction in &found.directions { tr {
-                    td.num { (direction.from) } td.num { (direction.direction) } td { (direction.label) }
+                    td.num { (direction.from) } td.num { (direction.number) } td { (direction.label) }
                     td.num { (direction.exit_distance.map_or_else(String::new, |d| number::significant(d, 3))) }
                     td { (direction.outcome.replace('_', " ")) }
                     td.num { @if let Some(solution) = direction.solution { (solution) } }

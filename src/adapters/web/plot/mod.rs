@@ -57,10 +57,6 @@ pub(super) enum Shape {
     Dot,
     /// A ring.
     Ring,
-    /// A cross.
-    Cross,
-    /// A filled square.
-    Square,
 }
 
 impl Shape {
@@ -69,8 +65,6 @@ impl Shape {
         match self {
             Self::Dot => "dot",
             Self::Ring => "ring",
-            Self::Cross => "cross",
-            Self::Square => "square",
         }
     }
 }

@@ -26,6 +26,32 @@ pub(super) fn ticks((low, high): (f64, f64), count: u32) -> (Vec<f64>, usize) {
     (values, decimals(step))
 }
 
+/// Places on an axis of decimal logarithms: powers of ten, with 2 and 5 times them where there is room.
+pub(super) fn logarithmic_ticks((low, high): (f64, f64), count: u32) -> Vec<f64> {
+    let span = high - low;
+    if !(span.is_finite() && span > 0.0) || span > 64.0 {
+        return Vec::new();
+    }
+    let factors: &[f64] = if span * 3.0 <= f64::from(count) + 1.0 {
+        &[1.0, 2.0, 5.0]
+    } else {
+        &[1.0]
+    };
+    let mut values = Vec::new();
+    let mut power = low.floor();
+    while power <= high {
+        let places = factors.iter().map(|factor| power + factor.log10());
+        values.extend(places.filter(|place| (low..=high).contains(place)));
+        power += 1.0;
+    }
+    // Within one power there may be too few of them to read the axis by.
+    if values.len() < 2 {
+        ticks((low, high), count).0
+    } else {
+        values
+    }
+}
+
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -74,6 +100,14 @@ mod tests {
         );
         assert_eq!(ticks((1.0, 1.0), 5).0, Vec::<f64>::new());
         assert_eq!(ticks((f64::NAN, 1.0), 5).0, Vec::<f64>::new());
+    }
+
+    #[test]
+    fn a_logarithmic_axis_shows_powers_of_ten() {
+        let wide: Vec<_> = logarithmic_ticks((-0.2, 3.1), 6);
+        assert_eq!(wide.len(), 4, "1, 10, 100, 1000: {wide:?}");
+        let close: Vec<_> = logarithmic_ticks((-0.1, 1.1), 6);
+        assert_eq!(close.len(), 4, "1, 2, 5, 10: {close:?}");
     }
 
     #[test]

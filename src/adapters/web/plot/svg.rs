@@ -4,7 +4,11 @@ use std::fmt::Write;
 
 use maud::{Markup, PreEscaped, html};
 
-use super::{Chart, Ink, Mark, Panel, Shape, scale::ticks, table};
+use super::{
+    Chart, Ink, Mark, Panel, Shape,
+    scale::{logarithmic_ticks, ticks},
+    table,
+};
 use crate::adapters::report::{decimate::envelope, number};
 
 /// Width of the drawing in its own units; the page scales it.
@@ -133,7 +137,12 @@ fn text(out: &mut String, (x, y): (f64, f64), class: &str, words: &str) {
 fn axes(out: &mut String, frame: &Frame<'_>, last: bool) {
     let (chart, panel) = (frame.chart, frame.panel);
     text(out, (LEFT, frame.top - 8.0), "panel-title", &panel.title);
-    let (values, decimals) = ticks(panel.vertical, (panel.height / 34).clamp(2, 7));
+    let count = (panel.height / 30).clamp(3, 7);
+    let (values, decimals) = if panel.logarithmic {
+        (logarithmic_ticks(panel.vertical, count), 0)
+    } else {
+        ticks(panel.vertical, count)
+    };
     for value in values {
         let y = frame.y(value);
         add(
@@ -144,7 +153,7 @@ fn axes(out: &mut String, frame: &Frame<'_>, last: bool) {
             ),
         );
         let label = if panel.logarithmic {
-            number::significant(10_f64.powf(value), 2)
+            number::short(number_at(value))
         } else {
             number::fixed(value, decimals)
         };
@@ -190,6 +199,34 @@ fn axes(out: &mut String, frame: &Frame<'_>, last: bool) {
             &chart.horizontal_title,
         );
     }
+}
+
+/// What stands at a place of a logarithmic axis, without the last digits' rounding.
+fn number_at(logarithm: f64) -> f64 {
+    let value = 10_f64.powf(logarithm);
+    let digit = 10_f64.powf(logarithm.floor() - 1.0);
+    (value / digit).round() * digit
+}
+
+/// A name in lines of at most about `NAME_CHARACTERS` characters, broken between words.
+fn lines(name: &str) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in name.split(' ') {
+        match lines.last_mut() {
+            Some(line) if line.len() + word.len() < NAME_CHARACTERS => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// Lines of the longest name; 1 where the axis has numbers.
+fn name_lines(chart: &Chart) -> usize {
+    let counts = chart.names.iter().map(|name| lines(name).len());
+    counts.max().unwrap_or(1)
 }
 
 fn horizontal_ticks(chart: &Chart) -> (Vec<f64>, usize) {
@@ -367,28 +404,12 @@ fn points(
         match shape {
             Shape::Dot => add(
                 out,
-                format_args!("<circle class=\"dot {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>",),
+                format_args!("<circle class=\"dot {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"/>"),
             ),
             Shape::Ring => add(
                 out,
                 format_args!(
                     "<circle class=\"ring {class}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4.5\"/>",
-                ),
-            ),
-            Shape::Square => add(
-                out,
-                format_args!(
-                    "<rect class=\"dot {class}\" x=\"{:.1}\" y=\"{:.1}\" width=\"8\" height=\"8\"/>",
-                    x - 4.0,
-                    y - 4.0,
-                ),
-            ),
-            Shape::Cross => add(
-                out,
-                format_args!(
-                    "<path class=\"ring {class}\" d=\"M{:.1} {:.1}l7 7m0 -7l-7 7\"/>",
-                    x - 3.5,
-                    y - 3.5,
                 ),
             ),
         }

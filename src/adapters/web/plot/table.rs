@@ -34,10 +34,7 @@ pub(super) fn tables(chart: &Chart) -> Markup {
     }
 }
 
-fn columns<'a>(
-    chart: &'a Chart,
-    wanted: impl Fn(Option<&Vec<f64>>) -> bool,
-) -> Vec<(String, &'a [f64])> {
+fn columns(chart: &Chart, wanted: impl Fn(Option<&Vec<f64>>) -> bool) -> Vec<(String, &[f64])> {
     let mut columns = Vec::new();
     for panel in &chart.panels {
         for mark in &panel.marks {

@@ -147,9 +147,7 @@ export class Panel {
       const colour = mark.shade ? this.colours["shade-" + Math.round(mark.shade[k] * 7)] : this.colours[mark.ink];
       c.fillStyle = c.strokeStyle = colour; c.lineWidth = 1.6; c.beginPath();
       if (mark.shape === "dot") { c.arc(px, py, 3, 0, 7); c.fill(); }
-      else if (mark.shape === "ring") { c.arc(px, py, 4.5, 0, 7); c.stroke(); }
-      else if (mark.shape === "square") c.fillRect(px - 4, py - 4, 8, 8);
-      else { c.moveTo(px - 3.5, py - 3.5); c.lineTo(px + 3.5, py + 3.5); c.moveTo(px - 3.5, py + 3.5); c.lineTo(px + 3.5, py - 3.5); c.stroke(); }
+      else { c.arc(px, py, 4.5, 0, 7); c.stroke(); }
     }
   }
 

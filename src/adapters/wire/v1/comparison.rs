@@ -19,6 +19,9 @@ pub struct ComparisonsV1 {
     pub set: ParameterSetV1,
     /// Event by event.
     pub events: Vec<ComparisonV1>,
+    /// Another set on the same events, where one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub against: Option<Box<Self>>,
 }
 
 /// Counterpart of [`Comparison`]. A value that is missing is null.
@@ -66,6 +69,7 @@ impl ComparisonsV1 {
             site: set.site.clone(),
             set: ParameterSetV1::new(set)?,
             events: comparisons.iter().map(ComparisonV1::from).collect(),
+            against: None,
         })
     }
 }

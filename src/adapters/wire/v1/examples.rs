@@ -272,6 +272,7 @@ fn event_failure() -> EventFailure {
         lowest_voltage: 0.75,
         frequency_deviation: -0.002,
         error_to_noise: 6.5,
+        clearing_s: Some(0.15),
         segments: vec![segment_residual()],
         dependences: vec![Dependence {
             channel: diagnosis::Channel::Active,
@@ -285,6 +286,7 @@ fn event_failure() -> EventFailure {
             correlation: vec![0.5, 0.4],
             band: 0.2,
         }],
+        series: diagnosis::EventSeries::default(),
     }
 }
 

@@ -47,6 +47,9 @@ pub struct EventFailureV1 {
     /// Error over noise of the event part.
     #[serde(with = "nullable")]
     pub error_to_noise: f64,
+    /// Instant of the clearing, seconds since the onset; null where the voltage steps, ramps or
+    /// swings without one.
+    pub clearing_s: Option<f64>,
     /// Residuals by segment and channel.
     pub segments: Vec<SegmentResidualV1>,
     /// Dependences, strongest first.
@@ -122,6 +125,7 @@ impl From<&EventFailure> for EventFailureV1 {
             lowest_voltage: failure.lowest_voltage,
             frequency_deviation: failure.frequency_deviation,
             error_to_noise: failure.error_to_noise,
+            clearing_s: failure.clearing_s,
             segments: all(&failure.segments),
             dependences: all(&failure.dependences),
             cross_correlations: all(&failure.cross_correlations),

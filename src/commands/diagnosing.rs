@@ -1,0 +1,404 @@
+//! What `diagnose` and `improve` share: their options, progress, and the parts of a diagnosis in the
+//! terminal.
+
+use std::{
+    fs,
+    io::{self, Write},
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::fitting::{Events, SourceArgs, SourceError};
+use crate::{
+    adapters::{report::ReportError, wire::DocumentError},
+    diagnosis::{
+        Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSplit, Progress,
+        Segment, Status, StructureErrors, Unexplained, Untestable,
+    },
+    identification::{ErrorSummary, IdentificationError},
+    load_model::effect::Kind,
+};
+
+/// Options of a diagnosis.
+#[derive(Clone, Debug, clap::Args)]
+pub struct DiagnosisArgs {
+    #[command(flatten)]
+    #[allow(missing_docs, reason = "the flattened options bring their own help")]
+    pub source: SourceArgs,
+    /// Parts of the model.
+    #[arg(long, value_name = "A+B", default_value = "zip+induction_motor")]
+    pub structure: String,
+    /// Events to fit, by name; those in neither list stay untouched, and the error quoted comes
+    /// from them. Default: chosen by depth.
+    #[arg(long, value_name = "EVENT,...", value_delimiter = ',')]
+    pub train: Vec<String>,
+    /// Events that decide whether an effect is declared, by name.
+    #[arg(long, value_name = "EVENT,...", value_delimiter = ',')]
+    pub hold_out: Vec<String>,
+    /// Prints one JSON document.
+    #[arg(long)]
+    pub json: bool,
+    /// Writes one self-contained HTML page.
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
+}
+
+/// Why there is no diagnosis.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DiagnosingError {
+    /// The events.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The fit.
+    #[error(transparent)]
+    Identification(#[from] IdentificationError),
+    /// An effect that shall be removed is not there.
+    #[error("`{effect}` cannot be removed: the structure is {structure}")]
+    NotInStructure {
+        /// The effect.
+        effect: String,
+        /// The structure.
+        structure: String,
+    },
+    /// The page could not be drawn.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+    /// The page could not be written.
+    #[error("cannot write the report to {}", .path.display())]
+    WriteReport {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// The JSON document could not be made.
+    #[error(transparent)]
+    Document(#[from] DocumentError),
+    /// The terminal or pipe.
+    #[error("cannot write the result")]
+    Output(#[from] io::Error),
+}
+
+impl DiagnosisArgs {
+    /// The parts of the model by name.
+    pub(super) fn parts(&self) -> Vec<String> {
+        self.structure
+            .split('+')
+            .map(|part| part.trim().to_owned())
+            .collect()
+    }
+
+    /// The settings these options stand for.
+    ///
+    /// # Errors
+    ///
+    /// [`IdentificationError::UnknownEvent`] for a name that is not among the usable events.
+    pub(super) fn options(&self, events: &Events) -> Result<DiagnosisOptions, IdentificationError> {
+        let names: Vec<&str> = events.usable.iter().map(|w| w.id.as_str()).collect();
+        for event in self.train.iter().chain(&self.hold_out) {
+            if !names.contains(&event.as_str()) {
+                return Err(IdentificationError::UnknownEvent {
+                    event: event.clone(),
+                    usable: names.join(", "),
+                });
+            }
+        }
+        if self.train.is_empty() && self.hold_out.is_empty() {
+            return Ok(DiagnosisOptions::default());
+        }
+        let unnamed = names
+            .into_iter()
+            .map(str::to_owned)
+            .filter(|name| !self.train.contains(name) && !self.hold_out.contains(name));
+        let untouched = if self.train.is_empty() {
+            // What is not held out is fitted.
+            Vec::new()
+        } else {
+            unnamed.collect()
+        };
+        Ok(DiagnosisOptions {
+            split: EventSplit::Named {
+                gate: self.hold_out.clone(),
+                untouched,
+            },
+            ..DiagnosisOptions::default()
+        })
+    }
+
+    /// Writes the page where one was asked for.
+    ///
+    /// # Errors
+    ///
+    /// [`DiagnosingError::Report`], [`DiagnosingError::WriteReport`].
+    pub(super) fn write_report(
+        &self,
+        page: impl FnOnce() -> Result<String, ReportError>,
+    ) -> Result<(), DiagnosingError> {
+        let Some(path) = &self.report else {
+            return Ok(());
+        };
+        fs::write(path, page()?).map_err(|source| DiagnosingError::WriteReport {
+            path: path.clone(),
+            source,
+        })
+    }
+}
+
+/// Where the page went.
+pub(super) fn print_report(path: Option<&Path>, out: &mut dyn Write) -> io::Result<()> {
+    path.map_or(Ok(()), |path| writeln!(out, "report {}", path.display()))
+}
+
+/// A bar on stderr; nothing where that is no terminal.
+pub(super) fn bar() -> ProgressBar {
+    let bar = ProgressBar::new(1);
+    if let Ok(style) = ProgressStyle::with_template("{spinner} {bar:24} {pos}/{len} {msg}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(120));
+    bar
+}
+
+/// Moves the bar.
+pub(super) fn show(bar: &ProgressBar, progress: Progress) {
+    bar.set_length(progress.of as u64);
+    bar.set_position(progress.done as u64);
+    bar.set_message(progress.what);
+}
+
+/// Adds what screening refused to the events that were refused.
+pub(super) fn with_screened(diagnosis: &mut Diagnosis, events: &Events) {
+    let refused = &mut diagnosis.events.refused;
+    refused.extend(events.refused.iter().cloned());
+    refused.sort();
+}
+
+/// The answer with its reasons.
+pub(super) fn print_answer(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    let words = match diagnosis.status {
+        Status::Adequate => "adequate",
+        Status::MissingEffect => "missing effect",
+        Status::InstrumentSuspect => "instrument suspect",
+        Status::UnknownEffect => "unknown effect",
+        Status::CannotJudge => "cannot judge",
+    };
+    writeln!(out, "{words}: {}", diagnosis.summary)?;
+    for reason in &diagnosis.reasons {
+        writeln!(out, "  {reason}")?;
+    }
+    Ok(())
+}
+
+/// Which events served for what.
+pub(super) fn print_events(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    let events = &diagnosis.events;
+    for (words, names) in [
+        ("fitted", &events.fit),
+        ("gate", &events.gate),
+        ("untouched", &events.untouched),
+    ] {
+        if !names.is_empty() {
+            writeln!(out, "{words} {}", names.join(" "))?;
+        }
+    }
+    for (event, reason) in &events.refused {
+        writeln!(out, "not used {event}: {reason}")?;
+    }
+    Ok(())
+}
+
+/// Errors of a structure on the three sets of events.
+pub(super) fn print_errors(
+    errors: &StructureErrors,
+    noise_floor: f64,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    writeln!(
+        out,
+        "\n{:10} {:>14} {:>12} {:>12}",
+        "errors", "over noise", "of P, %", "of Q, %"
+    )?;
+    let row = |words: &str, summary: Option<&ErrorSummary>, out: &mut dyn Write| match summary {
+        Some(summary) => writeln!(
+            out,
+            "{words:10} {:>14.2} {:>12.3} {:>12.3}",
+            summary.error_to_noise, summary.eps_p_percent, summary.eps_q_percent
+        ),
+        None => Ok(()),
+    };
+    row("fitted", Some(&errors.fit), out)?;
+    row("gate", errors.gate.as_ref(), out)?;
+    row("untouched", errors.untouched.as_ref(), out)?;
+    writeln!(out, "{:10} {noise_floor:>14.2}", "perfect")
+}
+
+/// Where the model fails, by event and by segment.
+pub(super) fn print_failures(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    let names = diagnosis.failures.iter().map(|f| f.event.chars().count());
+    let width = names.max().unwrap_or(0).max("event".len());
+    writeln!(
+        out,
+        "\n{:width$}  lowest V  over noise  where the model fails",
+        "event"
+    )?;
+    for failure in by_severity(&diagnosis.failures) {
+        writeln!(
+            out,
+            "{:width$}  {:>8.3}  {:>10.2}  {}",
+            failure.event, failure.lowest_voltage, failure.error_to_noise, failure.sentence
+        )?;
+    }
+    print_segments(diagnosis, out)
+}
+
+/// Deepest first: a rung of the severity ladder a line.
+fn by_severity(failures: &[EventFailure]) -> Vec<&EventFailure> {
+    let mut sorted: Vec<&EventFailure> = failures.iter().collect();
+    sorted.sort_by(|a, b| a.lowest_voltage.total_cmp(&b.lowest_voltage));
+    sorted
+}
+
+fn print_segments(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    if diagnosis.segments.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "\n{:16} {:>12} {:>12} {:>12} {:>12}",
+        "residual", "P, % of P0", "over noise", "Q, % of P0", "over noise"
+    )?;
+    let of = |segment: Segment, channel: Channel| {
+        let found =
+            (diagnosis.segments.iter()).find(|r| r.segment == segment && r.channel == channel);
+        found.map_or_else(
+            || format!("{:>12} {:>12}", "-", "-"),
+            |r| format!("{:>12.3} {:>12.2}", 100.0 * r.rms_pu, r.to_noise),
+        )
+    };
+    for segment in [
+        Segment::Before,
+        Segment::During,
+        Segment::EarlyRecovery,
+        Segment::Late,
+        Segment::After,
+    ] {
+        writeln!(
+            out,
+            "{:16} {} {}",
+            segment.name().replace('_', " "),
+            of(segment, Channel::Active),
+            of(segment, Channel::Reactive)
+        )?;
+    }
+    Ok(())
+}
+
+/// The rivals, and what would separate them.
+pub(super) fn print_candidates(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    if diagnosis.candidates.is_empty() {
+        return Ok(());
+    }
+    let names = diagnosis
+        .candidates
+        .iter()
+        .map(|c| c.effect.chars().count());
+    let width = names.max().unwrap_or(0).max("candidate".len());
+    writeln!(
+        out,
+        "\n{:width$}  {:10} {:>8} {:>9} {:>8} {:>8} {:>8}",
+        "candidate", "kind", "share, %", "delta BIC", "before", "after", "gain, %"
+    )?;
+    for candidate in &diagnosis.candidates {
+        print_candidate(candidate, width, out)?;
+    }
+    let among = |c: &&Candidate| diagnosis.answer_set.contains(&c.effect);
+    match diagnosis.answer_set.as_slice() {
+        [] => writeln!(out, "answer: none of them is declared")?,
+        [one] => writeln!(out, "answer: {one}")?,
+        several => writeln!(out, "answer, not to be told apart: {}", several.join(", "))?,
+    }
+    let separate = diagnosis.candidates.iter().filter(among);
+    if let Some(words) = separate.map(|c| &c.would_separate).find(|w| !w.is_empty()) {
+        writeln!(out, "what would separate them: {words}")?;
+    }
+    Ok(())
+}
+
+fn print_candidate(candidate: &Candidate, width: usize, out: &mut dyn Write) -> io::Result<()> {
+    let kind = match candidate.kind {
+        Kind::Physics => "physics",
+        Kind::Instrument => "instrument",
+    };
+    let number = |value: Option<f64>, decimals: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
+    };
+    let mark = if candidate.declared { "  declared" } else { "" };
+    let reasons = match candidate.refused.as_slice() {
+        [] => String::new(),
+        reasons => format!("  {}", reasons.join("; ")),
+    };
+    writeln!(
+        out,
+        "{:width$}  {kind:10} {:>8.0} {:>9} {:>8} {:>8} {:>8}{mark}{reasons}",
+        candidate.effect,
+        100.0 * candidate.score_share,
+        number(candidate.delta_bic, 0),
+        number(candidate.held_out_error_before, 2),
+        number(candidate.held_out_error_after, 2),
+        number(candidate.share_of_best_gain.map(|share| 100.0 * share), 0),
+    )
+}
+
+/// What cannot be tested, and what nothing explains.
+pub(super) fn print_limits(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    if !diagnosis.untestable.is_empty() {
+        writeln!(out, "\nnot testable with these events")?;
+    }
+    for effect in &diagnosis.untestable {
+        print_untestable(effect, out)?;
+    }
+    match &diagnosis.unexplained {
+        Some(unexplained) => print_unexplained(unexplained, out),
+        None => Ok(()),
+    }
+}
+
+fn print_untestable(effect: &Untestable, out: &mut dyn Write) -> io::Result<()> {
+    let unit = match effect.unit.as_str() {
+        "1" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    writeln!(
+        out,
+        "  {}: {} shows from {:.3}{unit} on, and {:.3}{unit} would matter; {}",
+        effect.effect,
+        effect.amplitude,
+        effect.smallest_detectable_amplitude,
+        effect.meaningful_amplitude,
+        effect.needs
+    )
+}
+
+fn print_unexplained(unexplained: &Unexplained, out: &mut dyn Write) -> io::Result<()> {
+    writeln!(out, "\nnot in the catalogue: {}", unexplained.signature)?;
+    for term in &unexplained.terms {
+        writeln!(
+            out,
+            "  {} {:+.4} x {}  explains {:.0} %",
+            term.channel,
+            term.coefficient,
+            term.formula,
+            100.0 * term.share
+        )?;
+    }
+    if let Some(file) = &unexplained.effect_file {
+        writeln!(out, "  as a file for --effect-file:\n")?;
+        for line in file.lines() {
+            writeln!(out, "    {line}")?;
+        }
+    }
+    Ok(())
+}

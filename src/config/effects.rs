@@ -1,0 +1,111 @@
+//! Effects written in files, and whether the structures that the configuration asks for exist.
+
+use std::path::{Path, PathBuf};
+
+use super::{Config, Problem, Problems};
+use crate::{
+    adapters::effect_files,
+    load_model::{Structure, effects, user_effects::EffectFile},
+};
+
+impl Config {
+    /// Makes the effects of the files that the configuration names, and of `more`, known to the rest
+    /// of the program, and looks whether every structure asked for is one. To be called before
+    /// anything looks an effect up; `file_name` is for the messages only.
+    ///
+    /// # Errors
+    ///
+    /// Everything that is wrong with the files or the structures.
+    pub fn register_effects(&self, more: &[PathBuf], file_name: &str) -> Result<(), Problems> {
+        let mut list = Vec::new();
+        let files = self.sound_files(more, &mut list);
+        // What an unsound file would have declared cannot be asked for: its absence says nothing.
+        if list.is_empty() {
+            if !files.is_empty()
+                && let Err(error) = effects::register(files)
+            {
+                list.push(problem("effects.files", error.to_string()));
+            }
+            self.check_structures(&mut list);
+        }
+        if list.is_empty() {
+            return Ok(());
+        }
+        Err(Problems {
+            file: file_name.to_owned(),
+            list,
+        })
+    }
+
+    fn sound_files(&self, more: &[PathBuf], list: &mut Vec<Problem>) -> Vec<EffectFile> {
+        let mut files = Vec::new();
+        for path in self.effect_files.iter().chain(more) {
+            match read(path) {
+                Ok(file) => files.push(file),
+                Err(messages) => {
+                    list.extend(messages.into_iter().map(|m| problem("effects.files", m)));
+                }
+            }
+        }
+        files
+    }
+
+    fn check_structures(&self, list: &mut Vec<Problem>) {
+        if let Err(error) = Structure::parse(&self.identification.structure) {
+            list.push(problem("identification.structure", error.to_string()));
+        }
+        for site in &self.sites {
+            let inherited = site.structure == self.identification.structure;
+            if !inherited && let Err(error) = Structure::parse(&site.structure) {
+                let message = format!("`{}`: {error}", site.site.name);
+                list.push(problem("site.structure", message));
+            }
+        }
+    }
+}
+
+fn read(path: &Path) -> Result<EffectFile, Vec<String>> {
+    let shown = path.display();
+    let text = effect_files::read(path).map_err(|error| vec![format!("{shown}: {error}")])?;
+    EffectFile::parse(&text).map_err(|problems| {
+        let told = problems.iter().map(|p| format!("{shown}:{p}"));
+        told.collect()
+    })
+}
+
+fn problem(key: &str, message: String) -> Problem {
+    Problem {
+        line: 0,
+        column: 0,
+        key: key.to_owned(),
+        message,
+        allowed: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_and_structure_that_cannot_be_used_is_told() {
+        let directory = tempfile::tempdir().unwrap();
+        let unsound = directory.path().join("unsound.toml");
+        std::fs::write(&unsound, "name = 3\n").unwrap();
+        let mut config = Config {
+            effect_files: vec![unsound, directory.path().join("absent.toml")],
+            ..Config::default()
+        };
+        let told = config.register_effects(&[], "c.toml").unwrap_err();
+        let text = told.to_string();
+        assert!(text.contains("unsound.toml:1"), "{text}");
+        assert!(text.contains("absent.toml"), "{text}");
+        config.effect_files.clear();
+        config.identification.structure.push("magic".to_owned());
+        let told = config.register_effects(&[], "c.toml").unwrap_err();
+        assert_eq!(told.list.len(), 1);
+        assert!(told.to_string().contains("unknown model part `magic`"));
+        config.identification.structure.pop();
+        assert_eq!(config.register_effects(&[], "c.toml"), Ok(()));
+    }
+}
