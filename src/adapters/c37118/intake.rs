@@ -75,6 +75,9 @@ impl FrameOutcome {
 pub struct FrameCounts([u64; FrameOutcome::ALL.len()]);
 
 impl FrameCounts {
+    /// No frame at all.
+    pub const NONE: Self = Self([0; FrameOutcome::ALL.len()]);
+
     /// The count of one outcome.
     #[must_use]
     pub const fn of(&self, outcome: FrameOutcome) -> u64 {

@@ -27,6 +27,7 @@ mod intake;
 mod load_mapping;
 mod name;
 mod playing;
+mod proposal;
 mod status;
 mod stream;
 #[cfg(test)]
@@ -54,6 +55,7 @@ pub use load_mapping::{
     SignedSet,
 };
 pub use playing::{Played, PlayingError};
+pub use proposal::propose;
 pub use status::Status;
 pub use stream::{StreamCounters, StreamDecoder};
 pub use time::{TimeQuality, Timestamp};
