@@ -231,6 +231,74 @@ fn a_killed_daemon_loses_no_window_and_publishes_nothing_twice() {
 }
 
 #[test]
+fn a_pmu_is_bridged_and_its_dips_become_the_windows_of_the_recording() {
+    let mapping = "[[site.c37118]]\nvoltage = [\"V1\"]\ncurrents = [\"I1\"]\n";
+    let place = Place::with(mapping);
+    let folder = place.site_folder();
+    let events = |bridged: bool| -> Vec<Value> {
+        // A store of its own for each way.
+        drop(fs::remove_file(place.directory.path().join("store.sqlite")));
+        let daemon = place.start();
+        let _processes = if bridged {
+            let pmu = Process::start(&[
+                "replay",
+                &folder.display().to_string(),
+                "--c37118",
+                "0",
+                "--id-code",
+                "7",
+                "--speed",
+                "20",
+            ]);
+            let line = pmu.lines.recv_timeout(LIMIT).expect("the PMU's port");
+            let address = line.strip_prefix("listening on ").unwrap().to_owned();
+            let bridge = [
+                "bridge",
+                "c37118",
+                &address,
+                "--id-code",
+                "7",
+                "--site",
+                SITE,
+                "--endpoint",
+                &daemon.endpoint,
+            ];
+            Some((pmu, Process::start(&bridge)))
+        } else {
+            daemon.replay(&folder);
+            None
+        };
+        let events = wait_for("the windows", || {
+            let (_, events) = daemon.get("/api/v1/events");
+            let events: Vec<Value> = serde_json::from_str(&events).ok()?;
+            (events.len() == EVENTS.len()).then_some(events)
+        });
+        if bridged {
+            let metrics = daemon.get("/metrics").1;
+            assert!(
+                metrics.contains("loadmodeld_frames_total{outcome=\"sample\""),
+                "{metrics}"
+            );
+            assert!(
+                !metrics.contains("{outcome=\"not_as_configured\""),
+                "{metrics}"
+            );
+        }
+        assert!(daemon.terminate().success());
+        events
+    };
+    let (direct, bridged) = (events(false), events(true));
+    for (direct, bridged) in direct.iter().zip(&bridged) {
+        assert_eq!(direct["onset_utc"], bridged["onset_utc"]);
+        let lowest = |event: &Value| event["lowest_voltage_pu"].as_f64().unwrap();
+        assert!(
+            (lowest(direct) - lowest(bridged)).abs() < 1e-6,
+            "{direct} {bridged}"
+        );
+    }
+}
+
+#[test]
 fn a_real_recording_is_fitted_where_it_is_a_load_and_refused_where_it_is_transit() {
     let recording =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/recordings/ru110/ru110.cfg");
@@ -586,6 +654,32 @@ impl Daemon {
 }
 
 impl Drop for Daemon {
+    fn drop(&mut self) {
+        // It may have ended already.
+        drop(self.child.kill());
+        drop(self.child.wait());
+    }
+}
+
+/// Another command as a process; it ends with the test.
+struct Process {
+    child: Child,
+    lines: Receiver<String>,
+}
+
+impl Process {
+    fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(PROGRAM)
+            .args(arguments)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let lines = lines_of(child.stdout.take().unwrap());
+        Self { child, lines }
+    }
+}
+
+impl Drop for Process {
     fn drop(&mut self) {
         // It may have ended already.
         drop(self.child.kill());

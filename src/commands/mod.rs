@@ -4,6 +4,7 @@
 //! (`clap::Args`) and `run(&args, out)`, which writes its result to `out` and its troubles to the
 //! error it returns. Exit codes: 0 done, 1 failed, 64 used wrongly (`sysexits.h`).
 
+pub mod bridge;
 pub mod check_config;
 pub mod compare;
 mod connection;
@@ -69,6 +70,8 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Publish recordings over zenoh with their original timing or faster
     Replay(replay::ReplayArgs),
+    /// Publish what a PMU or concentrator sends over zenoh
+    Bridge(bridge::BridgeArgs),
     /// Print parameter sets as they are published
     Subscribe(subscribe::SubscribeArgs),
     /// Hold a model against the measurements of a site folder: table and report with plots
@@ -83,7 +86,7 @@ enum Command {
     Profile(profile::ProfileArgs),
     /// Tell every local solution of a fit, how each was found, and whether a scan finds more
     Solutions(solutions::SolutionsArgs),
-    /// Say what is in a COMTRADE file or site folder
+    /// Say what is in a COMTRADE file, a site folder or a file of C37.118 frames
     Inspect(inspect::InspectArgs),
     /// List effects, show one, check effect files
     Effects(effects::EffectsArgs),
@@ -114,6 +117,7 @@ fn dispatch(command: Command, effect_files: &[PathBuf], out: &mut dyn Write) -> 
         }
         Command::Demo(args) => demo::run(&args, out),
         Command::Replay(args) => replay::run(&args, out),
+        Command::Bridge(args) => bridge::run(&args, out),
         Command::Subscribe(args) => subscribe::run(&args, out),
         Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
         Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
@@ -232,7 +236,7 @@ mod tests {
         let mut page = Vec::new();
         manual(&mut page).unwrap();
         let page = String::from_utf8(page).unwrap();
-        for name in ["RUN", "DEMO", "REPLAY", "SUBSCRIBE"] {
+        for name in ["RUN", "DEMO", "REPLAY", "BRIDGE", "SUBSCRIBE"] {
             assert!(page.contains(&format!(".SH {name}")), "{name}");
         }
     }

@@ -3,6 +3,7 @@
 use std::{net::SocketAddr, path::PathBuf, time::Duration};
 
 use crate::{
+    adapters::c37118::{LoadMapping, PhasorSet, PowerSource},
     disturbance::{DetectorOptions, ScreeningOptions},
     measurement::{ConcentratorOptions, Site},
 };
@@ -57,6 +58,7 @@ impl Config {
             screening: self.screening,
             structure: self.identification.structure.clone(),
             recordings: Vec::new(),
+            streams: Vec::new(),
         }
     }
 }
@@ -384,6 +386,32 @@ pub struct SiteConfig {
     pub structure: Vec<String>,
     /// How recorders' files are read; names are unique within the site.
     pub recordings: Vec<RecordingConfig>,
+    /// How C37.118 frames are read; names are unique within the site.
+    pub streams: Vec<StreamConfig>,
+}
+
+/// One `[[site.c37118]]`: which channels of a PMU's stream are the load's.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamConfig {
+    /// The stream; `*` is every stream of the site that is not named.
+    pub stream: String,
+    /// The channels.
+    pub mapping: LoadMapping,
+}
+
+impl Default for StreamConfig {
+    /// The stream's only PMU, primary values; its channels have to be named.
+    fn default() -> Self {
+        let voltage = PhasorSet::PositiveSequence(String::new());
+        let power = PowerSource::Currents(Vec::new());
+        Self {
+            stream: "*".to_owned(),
+            mapping: LoadMapping {
+                power,
+                ..LoadMapping::new(voltage.clone(), voltage)
+            },
+        }
+    }
 }
 
 /// How three-phase voltages are connected.

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use toml::de::DeValue;
 
 use super::{
-    Config, RecordingConfig, SiteConfig, VoltageConnection,
+    Config, RecordingConfig, SiteConfig, VoltageConnection, c37118,
     parse::{concentrator, detection, screening, structure},
     section::{Findings, Section},
 };
@@ -38,6 +38,7 @@ pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings
         findings.add(detection(section.section("detection"), &mut site.detection));
         findings.add(screening(section.section("screening"), &mut site.screening));
         findings.add(recordings(&mut section, &mut site));
+        findings.add(c37118::streams(&mut section, &mut site));
         findings.add(section.finish());
         config.sites.push(site);
     }

@@ -1,7 +1,10 @@
 //! The default file, and what is told of bad ones.
 
 use super::*;
-use crate::disturbance::DetectorOptions;
+use crate::{
+    adapters::c37118::{LoadMapping, PhasorSet},
+    disturbance::DetectorOptions,
+};
 
 /// A key is commented out where no space follows the `#`.
 fn with_example_site() -> String {
@@ -60,6 +63,12 @@ fn the_example_site_shows_the_defaults_of_its_keys() {
         ..RecordingConfig::default()
     };
     assert_eq!(site.recordings, [expected]);
+    let phases = |kind: char| PhasorSet::Phases(['A', 'B', 'C'].map(|p| format!("{kind}{p}")));
+    let expected = StreamConfig {
+        mapping: LoadMapping::new(phases('V'), phases('I')),
+        ..StreamConfig::default()
+    };
+    assert_eq!(site.streams, [expected]);
     assert_eq!(site.detection.step_pu, Some(0.01));
     assert_eq!(site.screening.unbalance_refuse, None);
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::{Recorder, Settings, clock::nanoseconds};
 use crate::{
     adapters::{
+        c37118::LoadMapping,
         http::{HttpOptions, TokenSource},
         recordings::{
             comtrade,
@@ -55,6 +56,7 @@ impl Settings {
             service: service(config),
             sites: config.sites.iter().map(site).collect(),
             recorders: recorders(&config.sites),
+            streams: streams(&config.sites),
             zenoh: zenoh(&config.zenoh),
             http: HttpOptions {
                 listen: config.http.listen,
@@ -163,6 +165,15 @@ fn recorders(sites: &[SiteConfig]) -> BTreeMap<(String, String), Recorder> {
         }
     }
     recorders
+}
+
+fn streams(sites: &[SiteConfig]) -> BTreeMap<(String, String), LoadMapping> {
+    let of_site = |site: &SiteConfig| {
+        let name = site.site.name.clone();
+        let streams = site.streams.clone().into_iter();
+        streams.map(move |stream| ((name.clone(), stream.stream), stream.mapping))
+    };
+    sites.iter().flat_map(of_site).collect()
 }
 
 fn recorder(recording: &RecordingConfig) -> Recorder {

@@ -3,15 +3,23 @@
 
 use std::{
     collections::BTreeMap,
-    sync::{Arc, mpsc::Receiver},
+    sync::{
+        Arc,
+        mpsc::{Receiver, RecvTimeoutError},
+    },
     thread::{self, JoinHandle},
+    time::Duration,
 };
 
 use tokio::sync::mpsc::Sender;
 
-use super::settings::Settings;
+use super::{
+    frames::{FrameStreams, FramesRefusal, Wanted},
+    settings::Settings,
+};
 use crate::{
     adapters::{
+        c37118::starts_as_frame,
         recordings::comtrade,
         wire::{
             Encoding,
@@ -23,6 +31,9 @@ use crate::{
     service::{DecodedRecording, Event},
     telemetry::intake::Source,
 };
+
+/// Longest time until what became of frames is reported while nothing arrives.
+const REPORT_AFTER: Duration = Duration::from_millis(200);
 
 /// What the decoders hand to the loop, in the order of arrival.
 #[derive(Debug)]
@@ -40,6 +51,7 @@ pub(super) enum Decoded {
 pub(super) struct Decoder {
     settings: Arc<Settings>,
     sites: Arc<BTreeMap<String, Site>>,
+    frames: FrameStreams,
 }
 
 struct Refusal {
@@ -48,34 +60,45 @@ struct Refusal {
 }
 
 impl Decoder {
-    pub(super) fn new(settings: &Arc<Settings>) -> Self {
+    pub(super) fn new(settings: &Arc<Settings>, wanted: Sender<Wanted>) -> Self {
         let sites = settings.sites.iter().map(|s| &s.site);
         Self {
             sites: Arc::new(sites.map(|s| (s.name.clone(), s.clone())).collect()),
+            frames: FrameStreams::new(settings, wanted),
             settings: Arc::clone(settings),
         }
     }
 
-    /// Decodes until the queue is closed at the other end, or the loop is gone. The thread ends
-    /// when both entrances of the queue are dropped.
+    /// Decodes until the queue has come to its end, or the loop is gone.
     pub(super) fn spawn(
-        self,
+        mut self,
         name: &str,
         messages: Receiver<Message>,
         events: Sender<Decoded>,
     ) -> std::io::Result<JoinHandle<()>> {
         thread::Builder::new().name(name.to_owned()).spawn(move || {
-            for message in messages {
-                for decoded in self.decode(message) {
+            loop {
+                let (mut decoded, quiet) = match messages.recv_timeout(REPORT_AFTER) {
+                    Ok(message) => (self.decode(message), false),
+                    Err(RecvTimeoutError::Timeout) => (Vec::new(), true),
+                    Err(RecvTimeoutError::Disconnected) => return,
+                };
+                let ends = matches!(decoded[..], [Decoded::End]);
+                let reports = self.frames.report(quiet || ends).into_iter();
+                decoded.splice(..0, reports.map(Decoded::Event));
+                for decoded in decoded {
                     if events.blocking_send(decoded).is_err() {
                         return;
                     }
+                }
+                if ends {
+                    return;
                 }
             }
         })
     }
 
-    pub(super) fn decode(&self, message: Message) -> Vec<Decoded> {
+    fn decode(&mut self, message: Message) -> Vec<Decoded> {
         let events = match message {
             Message::Barrier(question) => return vec![Decoded::Barrier(question)],
             Message::End => return vec![Decoded::End],
@@ -90,10 +113,9 @@ impl Decoder {
                 address: Address::Measurement { site, stream },
                 encoding,
                 payload,
-            } => vec![
-                self.batch(&site, stream, &encoding, &payload)
-                    .unwrap_or_else(|refusal| refusal.event(Source::Measurement, key)),
-            ],
+            } => self
+                .measurement(&site, stream, &encoding, &payload)
+                .unwrap_or_else(|refusal| vec![refusal.event(Source::Measurement, key)]),
             Message::Payload {
                 key,
                 address: Address::Recording { site, recorder },
@@ -110,6 +132,28 @@ impl Decoder {
         events.into_iter().map(Decoded::Event).collect()
     }
 
+    /// A batch, or frames: those have no encoding of their own, so that one that is declared rules
+    /// them out.
+    fn measurement(
+        &mut self,
+        site: &str,
+        stream: String,
+        encoding: &str,
+        payload: &[u8],
+    ) -> Result<Vec<Event>, Refusal> {
+        let limit = self.settings.batch_limits.payload_bytes_max;
+        let undeclared = encoding_of(encoding) == Encoding::Unknown;
+        if !undeclared || payload.len() > limit || !starts_as_frame(payload) {
+            return Ok(vec![self.batch(site, stream, encoding, payload)?]);
+        }
+        let site = site_called(&self.sites, site)?;
+        let taken = self.frames.take(site, &stream, payload);
+        taken.map_err(|refusal: FramesRefusal| {
+            let (reason, error) = refusal.words(&site.name, &stream);
+            Refusal { reason, error }
+        })
+    }
+
     fn batch(
         &self,
         site: &str,
@@ -117,7 +161,7 @@ impl Decoder {
         encoding: &str,
         payload: &[u8],
     ) -> Result<Event, Refusal> {
-        let site = self.site(site)?;
+        let site = site_called(&self.sites, site)?;
         let limits = &self.settings.batch_limits;
         let mut batch =
             decode_batch(payload, encoding_of(encoding), site, limits).map_err(|e| Refusal {
@@ -135,7 +179,7 @@ impl Decoder {
         recorder: &str,
         payload: &[u8],
     ) -> Result<Vec<Record>, Refusal> {
-        let site = self.site(site)?;
+        let site = site_called(&self.sites, site)?;
         let known = self.settings.recorder(&site.name, recorder);
         let known = known.ok_or_else(|| Refusal {
             reason: "unknown_recorder",
@@ -165,13 +209,13 @@ impl Decoder {
                 error: e.to_string(),
             })
     }
+}
 
-    fn site(&self, name: &str) -> Result<&Site, Refusal> {
-        self.sites.get(name).ok_or_else(|| Refusal {
-            reason: "unknown_site",
-            error: format!("the site `{name}` is not configured"),
-        })
-    }
+fn site_called<'s>(sites: &'s BTreeMap<String, Site>, name: &str) -> Result<&'s Site, Refusal> {
+    sites.get(name).ok_or_else(|| Refusal {
+        reason: "unknown_site",
+        error: format!("the site `{name}` is not configured"),
+    })
 }
 
 impl Refusal {

@@ -21,7 +21,7 @@ use super::{
     clock,
     decode::{Decoded, Decoder},
     fits::Fits,
-    publisher,
+    frames, publisher,
     run::Web,
     settings::Settings,
     status::StatusBoard,
@@ -80,7 +80,13 @@ impl Parts {
         let waiting = Arc::new(Waiting::default());
         let keys = Keys::new(&self.settings.zenoh.prefix);
 
-        let decoder = Decoder::new(&self.settings);
+        let (wanted, wanted_receiver) = frames::questions();
+        let decoder = Decoder::new(&self.settings, wanted);
+        frames::spawn_asker(
+            self.link.publisher(),
+            self.entrance.clone(),
+            wanted_receiver,
+        );
         decoder
             .clone()
             .spawn("batches", exits.measurements, decoded_sender.clone())?;

@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
     adapters::{
+        c37118::LoadMapping,
         http::HttpOptions,
         recordings::{comtrade, mapping::RecordingMapping},
         store::{Keep, SqliteOptions},
@@ -24,6 +25,9 @@ pub struct Settings {
     /// How each recorder's files are read, by site and recorder. The recorder `*` stands for
     /// every other of its site.
     pub recorders: BTreeMap<(String, String), Recorder>,
+    /// How the C37.118 frames of each stream are read, by site and stream. The stream `*` stands for
+    /// every other of its site.
+    pub streams: BTreeMap<(String, String), LoadMapping>,
     /// Settings of zenoh.
     pub zenoh: ZenohOptions,
     /// Settings of HTTP.
@@ -66,5 +70,12 @@ impl Settings {
     pub fn recorder(&self, site: &str, recorder: &str) -> Option<&Recorder> {
         let named = |name: &str| self.recorders.get(&(site.to_owned(), name.to_owned()));
         named(recorder).or_else(|| named("*"))
+    }
+
+    /// How the frames of the stream of that name at a site are read.
+    #[must_use]
+    pub fn stream(&self, site: &str, stream: &str) -> Option<&LoadMapping> {
+        let named = |name: &str| self.streams.get(&(site.to_owned(), name.to_owned()));
+        named(stream).or_else(|| named("*"))
     }
 }

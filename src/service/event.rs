@@ -8,7 +8,7 @@ use crate::{
     disturbance::{Screening, Window},
     identification::{Identification, InForce, ParameterSet},
     measurement::{Record, SampleBatch},
-    telemetry::intake::Source,
+    telemetry::intake::{FramesTaken, Source},
 };
 
 /// Something that happened. Events after a command carry what is needed to match the two.
@@ -16,6 +16,8 @@ use crate::{
 pub enum Event {
     /// A sample batch was decoded.
     BatchDecoded(SampleBatch),
+    /// Frames of a C37.118 stream were decoded; their samples come as batches.
+    FramesDecoded(FramesTaken),
     /// A recording was decoded and turned into phasors.
     RecordingDecoded(DecodedRecording),
     /// A payload could not be understood, or belongs to no site.

@@ -128,6 +128,7 @@ impl State {
     fn take(&mut self, now_ns: i64, event: Event, out: &mut Outbox) {
         match event {
             Event::BatchDecoded(_)
+            | Event::FramesDecoded(_)
             | Event::RecordingDecoded(_)
             | Event::PayloadRefused { .. }
             | Event::MessagesDropped { .. } => self.take_measurement(now_ns, event, out),
@@ -186,6 +187,7 @@ impl State {
                 let windows = self.streams.push(now_ns, &batch, out);
                 self.found(windows, out);
             }
+            Event::FramesDecoded(frames) => out.report(frames),
             Event::RecordingDecoded(recording) => {
                 let window = self.streams.push_recording(recording, out);
                 self.found(window, out);

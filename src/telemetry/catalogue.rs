@@ -95,6 +95,12 @@ pub const PAYLOADS_REFUSED: Declaration = counter(
     &["source", "reason"],
     "Payloads refused, by source (measurement, recording) and reason.",
 );
+/// Frames of C37.118 streams.
+pub const FRAMES: Declaration = counter(
+    "loadmodeld_frames_total",
+    &["site", "outcome"],
+    "C37.118 frames by what became of them: sample, configuration, reconfiguration, other, no_configuration, not_as_configured, not_mapped, no_time, bad_checksum, malformed.",
+);
 /// Messages dropped by a full intake queue.
 pub const MESSAGES_DROPPED: Declaration = counter(
     "loadmodeld_messages_dropped_total",
@@ -335,6 +341,7 @@ pub const CATALOGUE: &[Declaration] = &[
     BATCHES_LOST,
     RECORDINGS,
     PAYLOADS_REFUSED,
+    FRAMES,
     MESSAGES_DROPPED,
     SAMPLE_TIMESTAMP,
     SAMPLE_LAG,

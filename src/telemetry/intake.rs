@@ -182,6 +182,32 @@ impl Occurrence for PayloadRefused {
     }
 }
 
+/// Frames of a C37.118 stream came in, since the last report on it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FramesTaken {
+    /// Site.
+    pub site: String,
+    /// Stream.
+    pub stream: String,
+    /// How many had each outcome, by words from a closed list; only those that any had.
+    pub outcomes: Vec<(&'static str, u64)>,
+    /// The first one that could not be used: its outcome, and why.
+    pub trouble: Option<(&'static str, String)>,
+}
+
+impl Occurrence for FramesTaken {
+    fn emit(&self, metrics: &Metrics) {
+        let (site, stream) = (self.site.as_str(), self.stream.as_str());
+        for &(outcome, count) in &self.outcomes {
+            metrics.add(&catalogue::FRAMES, &[site, outcome], count);
+        }
+        trace!(site, stream, outcomes = ?self.outcomes, "frames taken in");
+        if let Some((outcome, error)) = &self.trouble {
+            warn!(site, stream, outcome, error, outcomes = ?self.outcomes, "frames not used");
+        }
+    }
+}
+
 /// The first ten of a kind are logged, then the 16th, the 32nd and so on: a flood of bad payloads
 /// must not become a flood of log lines.
 fn is_worth_a_line(count: f64) -> bool {

@@ -198,6 +198,19 @@ impl Configuration {
         self.pmus.iter().map(PmuConfiguration::data_bytes).sum()
     }
 
+    /// Whether the two describe the same data: all but the time at which they were sent.
+    #[must_use]
+    pub fn says_the_same_as(&self, other: &Self) -> bool {
+        let at_our_time = Self {
+            prefix: Prefix {
+                time: self.prefix.time,
+                ..other.prefix
+            },
+            ..other.clone()
+        };
+        *self == at_our_time
+    }
+
     /// The frames' bytes: one frame, or for a CFG-3 that is longer than a frame as many as it
     /// takes.
     ///

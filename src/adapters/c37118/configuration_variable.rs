@@ -39,6 +39,12 @@ pub struct ConfigurationPart {
 }
 
 impl ConfigurationPart {
+    /// Whether the frame is the first or only one of its configuration.
+    #[must_use]
+    pub const fn is_first(&self) -> bool {
+        self.index == INDEX_ONLY || self.index == INDEX_FIRST
+    }
+
     pub(super) fn read(prefix: Prefix, reader: &mut Reader<'_>) -> Result<Self, Error> {
         Ok(Self {
             prefix,

@@ -68,9 +68,10 @@ impl Status {
     ///
     /// STAT bits are kept as they are, with three exceptions. Any data error sets
     /// [`Quality::DATA_INVALID`]: a PMU in error of which nothing is known proves nothing. Bits 5
-    /// and 4 are taken out, because bit 4 means [`Quality::STALE`] in a sample; a clock that
-    /// has been unlocked for 10 s or more, has failed, is wrong by 10 ms or more, or whose data were sorted by arrival,
-    /// sets [`Quality::NOT_SYNCHRONISED`] instead.
+    /// and 4 go to [`Quality::unlocked_code`], because bit 4 means [`Quality::STALE`] in a sample. A
+    /// clock that has been unlocked for 10 s or more, has failed, is wrong by 10 ms or more, or whose
+    /// data were sorted by arrival, sets [`Quality::NOT_SYNCHRONISED`] as well. The message time
+    /// quality is kept in [`Quality::time_quality_code`].
     #[must_use]
     pub fn quality(self, time: TimeQuality) -> Quality {
         const UNLOCKED_BITS: u16 = 0x0030;
@@ -87,7 +88,7 @@ impl Status {
         {
             quality = quality | Quality::NOT_SYNCHRONISED;
         }
-        quality
+        quality.with_clock(time.indicator(), self.unlocked_code())
     }
 }
 
@@ -102,8 +103,12 @@ mod tests {
         assert!(quality.contains(Quality::NOT_SYNCHRONISED));
         assert!(!quality.contains(Quality::STALE));
         assert!(quality.usable());
+        assert_eq!(
+            (quality.time_quality_code(), quality.unlocked_code()),
+            (15, 3)
+        );
         let unlocked = Status(0x0010).quality(TimeQuality(0));
-        assert_eq!(unlocked, Quality::NOT_SYNCHRONISED);
+        assert_eq!(unlocked, Quality::NOT_SYNCHRONISED.with_clock(0, 1));
     }
 
     #[test]

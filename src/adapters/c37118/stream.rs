@@ -25,6 +25,18 @@ pub struct StreamCounters {
     pub bad_checksums: u64,
 }
 
+impl StreamCounters {
+    /// Adds the counts of another stream.
+    pub const fn add(&mut self, other: &Self) {
+        self.bytes += other.bytes;
+        self.frames += other.frames;
+        self.frame_bytes += other.frame_bytes;
+        self.skipped_bytes += other.skipped_bytes;
+        self.resynchronisations += other.resynchronisations;
+        self.bad_checksums += other.bad_checksums;
+    }
+}
+
 /// Cuts frames out of a byte stream, and finds the next one after garbage.
 ///
 /// A frame is given out when its SYNC, FRAMESIZE and CHK are right; kind, version and content are

@@ -3,7 +3,10 @@
 
 mod captures;
 mod conversion;
+mod dialogue;
 mod fixture;
 mod frames;
+mod intake;
 mod mutants;
+mod playing;
 mod streams;

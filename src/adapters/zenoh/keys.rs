@@ -40,6 +40,12 @@ impl Keys {
         format!("{}/measurement/{site}/{stream}", self.prefix)
     }
 
+    /// The configuration of a stream of C37.118 frames, as its source answers who asks for it.
+    #[must_use]
+    pub fn configuration(&self, site: &str, stream: &str) -> String {
+        format!("{}/configuration/{site}/{stream}", self.prefix)
+    }
+
     /// Recordings of one recorder.
     #[must_use]
     pub fn recording(&self, site: &str, recorder: &str) -> String {

@@ -11,7 +11,7 @@ use zenoh::{
     sample::{Sample, SampleKind},
 };
 
-use super::{Entrance, Keys, Message, Question, ZenohError, ZenohOptions, session};
+use super::{Address, Entrance, Keys, Message, Question, ZenohError, ZenohOptions, session};
 
 /// The daemon's connection to the network. Dropped, it closes by itself but without its limit:
 /// call [`Link::close`].
@@ -171,6 +171,31 @@ impl LinkPublisher {
     /// [`ZenohError::Publish`].
     pub async fn put_event(&self, site: &str, document: String) -> Result<(), ZenohError> {
         self.put(&self.keys.event(site), document).await
+    }
+
+    /// Asks for the configuration of a stream of C37.118 frames and puts the answer into the queue as
+    /// if it had come on the stream's key. Returns whether anybody answered.
+    pub async fn fetch_configuration(
+        &self,
+        site: &str,
+        stream: &str,
+        entrance: &Entrance,
+        limit: Duration,
+    ) -> bool {
+        let selector = self.keys.configuration(site, stream);
+        let Ok(payload) = session::ask_bytes(&self.session, &selector, limit).await else {
+            return false;
+        };
+        entrance.measurement(Message::Payload {
+            key: self.keys.measurement(site, stream),
+            address: Address::Measurement {
+                site: site.to_owned(),
+                stream: stream.to_owned(),
+            },
+            encoding: String::new(),
+            payload,
+        });
+        true
     }
 
     /// The keys.

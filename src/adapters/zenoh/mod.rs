@@ -4,6 +4,7 @@
 //! multicast unless asked for; congestion control `Block` for what we publish; no work in a
 //! subscriber's callback; a limit of our own for closing.
 
+pub mod frames;
 pub mod intake;
 pub mod keys;
 pub mod link;
@@ -11,6 +12,7 @@ pub mod options;
 pub mod question;
 pub mod session;
 
+pub use frames::FramePublisher;
 pub use intake::{Drops, Entrance, Exits, Message, queues};
 pub use keys::{Address, Keys, is_chunk};
 pub use link::{Link, LinkPublisher};

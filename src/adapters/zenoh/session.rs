@@ -158,12 +158,25 @@ pub async fn close_within(session: &Session, options: &ZenohOptions) -> bool {
     close(session, Duration::from_millis(options.close_timeout_ms)).await
 }
 
-/// Asks one question and waits for the first answer.
+/// Asks one question and waits for the first answer, which is text.
 ///
 /// # Errors
 ///
 /// [`ZenohError::Ask`], [`ZenohError::NoAnswer`] or [`ZenohError::Refused`].
 pub async fn ask(session: &Session, selector: &str, limit: Duration) -> Result<String, ZenohError> {
+    Ok(text(&ask_bytes(session, selector, limit).await?))
+}
+
+/// Asks one question and waits for the first answer.
+///
+/// # Errors
+///
+/// [`ZenohError::Ask`], [`ZenohError::NoAnswer`] or [`ZenohError::Refused`].
+pub async fn ask_bytes(
+    session: &Session,
+    selector: &str,
+    limit: Duration,
+) -> Result<Vec<u8>, ZenohError> {
     let replies = session
         .get(selector)
         .congestion_control(CongestionControl::Block)
@@ -182,7 +195,7 @@ pub async fn ask(session: &Session, selector: &str, limit: Duration) -> Result<S
         .map_err(|_| no_answer())?
         .map_err(|_| no_answer())?;
     match reply.into_result() {
-        Ok(sample) => Ok(text(&sample.payload().to_bytes())),
+        Ok(sample) => Ok(sample.payload().to_bytes().into_owned()),
         // Zenoh reports an expired query as an error reply of its own.
         Err(error) if text(&error.payload().to_bytes()).eq_ignore_ascii_case("timeout") => {
             Err(no_answer())

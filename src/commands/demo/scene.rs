@@ -96,6 +96,7 @@ impl Scene {
             service,
             sites: sites.collect(),
             recorders: BTreeMap::new(),
+            streams: BTreeMap::new(),
             zenoh: ZenohOptions {
                 listen: vec!["tcp/127.0.0.1:0".to_owned()],
                 ..ZenohOptions::default()

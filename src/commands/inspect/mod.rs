@@ -1,11 +1,13 @@
-//! `loadmodeld inspect PATH`: what is in a COMTRADE recording or a site folder.
+//! `loadmodeld inspect PATH`: what is in a COMTRADE recording, a site folder or a file of C37.118 frames.
 
 mod comtrade;
+mod frames;
 mod site_folder;
 #[cfg(test)]
 mod tests;
 
 use std::{
+    fs,
     io::{self, Write},
     path::{Path, PathBuf},
 };
@@ -22,7 +24,7 @@ use crate::adapters::recordings::{
 /// What `inspect` is told.
 #[derive(Clone, Debug, clap::Args)]
 pub struct InspectArgs {
-    /// COMTRADE file (.cfg, .dat or .cff) or site folder.
+    /// COMTRADE file (.cfg, .dat or .cff), site folder, or file of C37.118 frames.
     pub path: PathBuf,
     /// Print JSON instead of text.
     #[arg(long)]
@@ -77,6 +79,8 @@ pub fn run(args: &InspectArgs, out: &mut dyn Write) -> Result<(), Error> {
     let (text, json) = if let Some(directory) = folder(&args.path) {
         let folder = folders::load_events(directory)?;
         (site_folder::text(&folder), site_folder::json(&folder))
+    } else if let Some(view) = frames(&args.path) {
+        (view.text(), view.json())
     } else {
         let recording = reader::read(&args.path, &options(args)?)?;
         let view = comtrade::View::new(&recording);
@@ -88,6 +92,13 @@ pub fn run(args: &InspectArgs, out: &mut dyn Write) -> Result<(), Error> {
         write!(out, "{text}")?;
     }
     Ok(())
+}
+
+/// The frames of a file that begins with one.
+fn frames(path: &Path) -> Option<frames::View> {
+    const SYNC: u8 = 0xaa;
+    let bytes = fs::read(path).ok()?;
+    (bytes.first() == Some(&SYNC)).then(|| frames::View::new(&bytes))?
 }
 
 /// The site folder a path names: the directory, or the one its `site.json` lies in.

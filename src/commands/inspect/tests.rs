@@ -117,3 +117,22 @@ fn what_is_neither_is_refused() {
     let error = run(&args(directory.path().to_owned(), false), &mut Vec::new()).unwrap_err();
     assert!(error.to_string().contains("site.json"), "{error}");
 }
+
+#[test]
+fn a_file_of_frames_is_described_with_a_table_that_the_configuration_takes() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let frames = root.join("fuzz/corpus/c37118_messages/configured");
+    let text = output(&args(frames.clone(), false));
+    assert!(text.contains("5 frames, 4 of data"), "{text}");
+    let lines = text
+        .lines()
+        .skip_while(|line| line.trim() != "[[site.c37118]]");
+    let table: Vec<&str> = lines.map(str::trim).collect();
+    let bases = "[[site]]\nname = \"n\"\ns_base_mva = 1\nv_base_kv = 1\nnominal_hz = 60\n";
+    let written = format!("{bases}{}", table.join("\n"));
+    let config = crate::config::Config::parse(&written, "proposed").unwrap();
+    assert_eq!(config.sites[0].streams.len(), 1);
+    let json: Value = serde_json::from_str(&output(&args(frames, true))).unwrap();
+    let phasors = &json["configurations"][0]["pmus"][0]["phasors"];
+    assert_eq!(phasors[0]["name"], "V1");
+}

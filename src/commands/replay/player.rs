@@ -37,7 +37,7 @@ impl Pace {
         (speed >= 0.0 && speed.is_finite()).then_some(Self { speed })
     }
 
-    fn of(self, original_s: f64) -> Duration {
+    pub(super) fn of(self, original_s: f64) -> Duration {
         if self.speed > 0.0 {
             Duration::from_secs_f64(original_s.max(0.0) / self.speed)
         } else {

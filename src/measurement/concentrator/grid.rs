@@ -84,7 +84,10 @@ impl Grid {
     pub(super) fn index_of(&self, time_ns: i64, tolerance_share: f64) -> Option<i64> {
         let index = self.nearest(time_ns);
         let distance_ns = (time_ns - self.time_ns(index)).abs();
-        (distance_ns as f64 <= tolerance_share / self.rate_fps * 1e9).then_some(index)
+        // Grid points are rounded to whole nanoseconds.
+        let rounding_ns = 1.0;
+        let within_ns = tolerance_share / self.rate_fps * 1e9 + rounding_ns;
+        (distance_ns as f64 <= within_ns).then_some(index)
     }
 
     /// Whole sampling periods in a duration.

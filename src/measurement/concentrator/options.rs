@@ -21,7 +21,8 @@ pub struct ConcentratorOptions {
     /// always waited for; angle and negative sequence are learnt when they arrive. Default none.
     pub expected: Vec<Channel>,
     /// Distance from the nearest grid point up to which a sample is put on it, as a share of the
-    /// sampling period. Values are not interpolated. Default 0.25, 0.01 to 0.45.
+    /// sampling period. Values are not interpolated. At 0.5 no sample is off
+    /// the grid: for sources whose stamps are the moments of sending. Default 0.25, 0.01 to 0.5.
     pub grid_tolerance_share: f64,
     /// How long samples must have been off the grid, with none on it, until the grid starts anew
     /// where they are, seconds. Default 1, 0.1 to 60.
@@ -36,7 +37,7 @@ impl ConcentratorOptions {
     /// Admissible range of `rate_fps`.
     pub const RATE_FPS: (f64, f64) = (1.0, 10_000.0);
     /// Admissible range of `grid_tolerance_share`.
-    pub const GRID_TOLERANCE_SHARE: (f64, f64) = (0.01, 0.45);
+    pub const GRID_TOLERANCE_SHARE: (f64, f64) = (0.01, 0.5);
     /// Admissible range of `off_grid_restart_s`.
     pub const OFF_GRID_RESTART_S: (f64, f64) = (0.1, 60.0);
 

@@ -3,9 +3,10 @@
 use super::fixture::{configuration, data, formats, prefix};
 use crate::adapters::c37118::{
     Command, CommandFrame, Configuration, ConfigurationAssembler, ConfigurationKind, Converter,
-    Frame, HeaderFrame, LoadMapping, PhasorSet, StreamDecoder, checksum::crc_ccitt, decode,
+    Dialogue, DialogueOptions, Frame, FrameIntake, FrameOutcome, HeaderFrame, LoadMapping,
+    PhasorSet, StreamDecoder, checksum::crc_ccitt, decode,
 };
-use crate::measurement::Site;
+use crate::measurement::{SampleBatch, Site};
 
 /// A linear congruential generator (Knuth, MMIX): the mutants are the same in every run.
 struct Random(u64);
@@ -62,6 +63,8 @@ struct Bench {
     configurations: Vec<Configuration>,
     site: Site,
     mapping: LoadMapping,
+    intake: FrameIntake,
+    dialogue: Dialogue,
     accepted: u64,
     refused: u64,
 }
@@ -86,16 +89,20 @@ impl Bench {
             seeds.push(CommandFrame { prefix, command }.encode().unwrap());
         }
         let set = |name: &str| PhasorSet::PositiveSequence(name.to_owned());
+        let site = Site {
+            name: "north".to_owned(),
+            s_base_mva: 100.0,
+            v_base_kv: 110.0,
+            nominal_hz: 50.0,
+        };
+        let mapping = LoadMapping::new(set("V1"), set("IA"));
         Self {
             seeds,
             configurations,
-            site: Site {
-                name: "north".to_owned(),
-                s_base_mva: 100.0,
-                v_base_kv: 110.0,
-                nominal_hz: 50.0,
-            },
-            mapping: LoadMapping::new(set("V1"), set("IA")),
+            intake: FrameIntake::new(&site, "pmu", &mapping),
+            dialogue: Dialogue::new(DialogueOptions::default()),
+            site,
+            mapping,
             accepted: 0,
             refused: 0,
         }
@@ -109,7 +116,21 @@ impl Bench {
                 reseal(&mut mutant);
             }
             self.try_one(&mutant);
+            self.converse(mutant);
         }
+    }
+
+    /// A message and a frame of a connection: both ends keep what configurations say.
+    fn converse(&mut self, mutant: Vec<u8>) {
+        const NOW_MS: i64 = 1_700_000_000_000;
+        let taken = self.intake.take(&mutant);
+        let outcomes = FrameOutcome::ALL.map(|outcome| taken.counts.of(outcome));
+        let frames: u64 = outcomes.iter().sum();
+        assert!(frames > 0 || mutant.is_empty(), "{mutant:x?}");
+        let samples: usize = taken.batches.iter().map(SampleBatch::len).sum();
+        let counted = taken.counts.of(FrameOutcome::Sample);
+        assert_eq!(samples as u64, counted);
+        self.dialogue.frame(mutant, NOW_MS);
     }
 
     fn try_one(&mut self, mutant: &[u8]) {

@@ -17,7 +17,8 @@ const NAME_BYTES_MAX: usize = 128;
 const NOMINAL_TOLERANCE_HZ: f64 = 1e-6;
 
 /// Quality bits with a meaning: the STAT word, and what intake sets.
-const QUALITY_BITS: u32 = 0xffff | Quality::MISSING.0 | Quality::NOT_FINITE.0 | Quality::SPIKE.0;
+const QUALITY_BITS: u32 =
+    0xffff | Quality::MISSING.0 | Quality::NOT_FINITE.0 | Quality::SPIKE.0 | Quality::CLOCK.0;
 
 /// What a batch may cost us at most.
 #[derive(Clone, Copy, Debug, PartialEq)]
