@@ -143,7 +143,6 @@ impl<'a, S: Elementary> Integral<'a, S> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
 
     #[test]
