@@ -22,6 +22,11 @@ const GOOD_FIT: f64 = 1.6;
 const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
 /// Calls of the objective in the search on the mild events.
 const MILD_EVALUATIONS_MAX: u64 = 300;
+/// Place of kappa in a model's vector.
+const KAPPA: usize = 2;
+/// Shares of kappa from which a fit begins, until one can be simulated: a motor at its steepest in the
+/// plain search, which knows one operating point only, is beyond pull-out at another.
+const EASED: [f64; 4] = [1.0, 0.9, 0.75, 0.5];
 /// Fewest events of a mild fit.
 const MILD_EVENTS_MIN: usize = 2;
 
@@ -99,8 +104,14 @@ pub fn baseline(
 ) -> Option<Baseline> {
     let model = ComposedModel::new(structure);
     let free = base_parameters(&model);
-    let from = |solution: &FitSolution| start(&model, solution);
-    let all = fit(events, &model, &from(best), &free, options, cancel)?;
+    let fitted = |events: &[PreparedEvent], solution: &FitSolution| {
+        EASED.into_iter().find_map(|share| {
+            let mut from = start(&model, solution);
+            from[KAPPA] *= share;
+            fit(events, &model, &from, &free, options, cancel)
+        })
+    };
+    let all = fitted(events, best)?;
     let mut result = Baseline {
         structure: structure.clone(),
         all,
@@ -127,8 +138,7 @@ pub fn baseline(
         let Some(found) = search(&mild, *problem, &options_of_search, cancel) else {
             continue;
         };
-        let candidate = (found.solutions.first())
-            .and_then(|s| fit(&mild, &model, &from(s), &free, options, cancel));
+        let candidate = found.solutions.first().and_then(|s| fitted(&mild, s));
         let Some(candidate) = candidate else { continue };
         let chi_square = candidate.chi_square_per_row();
         let known = result.mild.as_ref();
