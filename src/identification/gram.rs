@@ -11,12 +11,12 @@ use nalgebra::SMatrix;
 
 use super::{
     intake::PreparedEvent,
-    joint_problem::{LINEAR, OUTER},
+    joint_problem::{LINEAR, OUTER, OuterSensitivities},
     measurement_chain::{FilteredSample, StaticResponse},
 };
 use crate::{
     load_model::{MotorOutput, induction_motor::BatchSink},
-    numerics::{Dual, Scalar},
+    numerics::Scalar,
 };
 
 /// Columns: outer sensitivities, linear coefficients, operating-point offsets of P and Q, measured.
@@ -215,8 +215,8 @@ impl<'a> EventColumns<'a> {
     /// The Gram matrix with sensitivities.
     pub(super) fn sensitivity_gram(
         &self,
-        out: &MotorOutput<Dual<OUTER>>,
-        rest: Dual<OUTER>,
+        out: &MotorOutput<OuterSensitivities>,
+        rest: OuterSensitivities,
     ) -> Gram {
         let length = self.series_length();
         let mut series = vec![0.0; 2 * (OUTER + 1) * length];
@@ -290,8 +290,12 @@ impl NearJump<'_> {
 }
 
 /// A sensitivity, or the value behind the sensitivities.
-fn component(x: &Dual<OUTER>, index: usize) -> f64 {
-    x.derivatives.get(index).copied().unwrap_or(x.value)
+fn component(x: &OuterSensitivities, index: usize) -> f64 {
+    if index < OUTER {
+        x.derivative(index)
+    } else {
+        x.value
+    }
 }
 
 /// The fixed columns of one sample, P row then Q row.

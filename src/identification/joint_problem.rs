@@ -24,13 +24,15 @@ use crate::{
         induction_motor::{Effort, simulate_batch},
     },
     numerics::{
-        Bounds, Dual, Expansion, Objective, Scalar,
+        Bounds, Expansion, Objective, Scalar, Sensitivities,
         quadratic_program::{LinearConstraints, QuadraticProgram},
     },
 };
 
 /// Outer unknowns: ln alpha, ln nu, kappa.
 pub const OUTER: usize = 3;
+/// A number with its derivatives by the outer unknowns.
+pub(super) type OuterSensitivities = Sensitivities<{ OUTER.div_ceil(2) }>;
 /// Linear coefficients.
 pub const LINEAR: usize = LinearCoefficients::COUNT;
 /// Random effects of an event: its linear coefficients and its two operating-point offsets.
@@ -218,9 +220,9 @@ impl<'a> JointProblem<'a> {
     /// The Gram matrix of each event with sensitivities, random effects removed.
     fn sensitivity_sums(&self, x: &DVector<f64>) -> Option<Vec<Marginal>> {
         let motor = MotorCoordinates {
-            alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
-            nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
-            kappa: Dual::<OUTER>::variable(x[2], 2),
+            alpha_per_s: OuterSensitivities::variable(x[0], 0).exp(),
+            nu_per_s2: OuterSensitivities::variable(x[1], 1).exp(),
+            kappa: OuterSensitivities::variable(x[2], 2),
         };
         let mut out = MotorOutput::default();
         let mut sums = Vec::with_capacity(self.events.len());

@@ -315,9 +315,19 @@ impl Voltage {
         self.evidence = sum + 2.0 * solution.ln_determinant + 4.0 * ln_prior;
     }
 
-    /// Fills in the variances of the nodes.
+    /// Fills in the variances of the nodes. A smoothed sample is never less certain than the sample
+    /// by itself, whatever the recurrence for the inverse's diagonal loses to rounding where the
+    /// stiffness ranges over many decades.
     pub(super) fn with_variances(mut self, measured: &Measured) -> Option<Self> {
         self.variance = self.normal_equations(measured).solve()?.variances();
+        let alone = measured.noise * measured.noise;
+        for sample in (self.from..=self.to).filter(|&k| !measured.bad[k]) {
+            let node = self.node_of(sample);
+            let known = self.variance[node];
+            if !(0.0..=alone).contains(&known) {
+                self.variance[node] = alone;
+            }
+        }
         Some(self)
     }
 

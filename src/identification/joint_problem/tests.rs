@@ -2,7 +2,10 @@
 
 use nalgebra::{DVector, SVector};
 
-use super::{JointProblem, LINEAR, OUTER, ProblemOptions, motor_coordinates, reactive_at_rest};
+use super::{
+    JointProblem, LINEAR, OUTER, OuterSensitivities, ProblemOptions, motor_coordinates,
+    reactive_at_rest,
+};
 use crate::{
     disturbance::{Closing, Trigger, Window},
     identification::{
@@ -11,7 +14,7 @@ use crate::{
     },
     load_model::{MotorCoordinates, MotorOutput},
     measurement::{Quality, Record, Sample},
-    numerics::{Dual, Objective, Scalar},
+    numerics::{Objective, Scalar},
 };
 
 const SAMPLES: usize = 240;
@@ -143,7 +146,7 @@ fn summed_by_rows(event: &PreparedEvent, x: &DVector<f64>, frequency_scaled: boo
         for channel in 0..2 {
             let mut row = SVector::<f64, COLUMNS>::zeros();
             for i in 0..OUTER {
-                row[i] = change[k][channel].derivatives[i];
+                row[i] = change[k][channel].derivative(i);
             }
             for i in 0..LINEAR {
                 row[OUTER + i] = linear[channel][i];
@@ -158,11 +161,11 @@ fn summed_by_rows(event: &PreparedEvent, x: &DVector<f64>, frequency_scaled: boo
     gram
 }
 
-fn dual_motor(x: &DVector<f64>) -> MotorCoordinates<Dual<OUTER>> {
+fn dual_motor(x: &DVector<f64>) -> MotorCoordinates<OuterSensitivities> {
     MotorCoordinates {
-        alpha_per_s: Dual::<OUTER>::variable(x[0], 0).exp(),
-        nu_per_s2: Dual::<OUTER>::variable(x[1], 1).exp(),
-        kappa: Dual::<OUTER>::variable(x[2], 2),
+        alpha_per_s: OuterSensitivities::variable(x[0], 0).exp(),
+        nu_per_s2: OuterSensitivities::variable(x[1], 1).exp(),
+        kappa: OuterSensitivities::variable(x[2], 2),
     }
 }
 

@@ -130,7 +130,7 @@ impl Declared for DistributedGeneration {
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 3, 4, 5]
+        vec![0]
     }
 }
 

@@ -99,7 +99,7 @@ impl Declared for ElectronicLoadDropout {
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 1, 2, 3, 4]
+        vec![0, 3, 4]
     }
 }
 

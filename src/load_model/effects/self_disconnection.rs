@@ -90,7 +90,7 @@ impl Declared for SelfDisconnection {
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 3]
+        vec![0]
     }
 }
 
