@@ -4,7 +4,7 @@
 //! a_e = a P0^-e,   d a_e/d a = P0^-e,   d a_e/d e = -a_e ln P0                      (1)
 //! ```
 
-use crate::load_model::{composed::ComposedModel, effects};
+use crate::load_model::{composed::ComposedModel, effect::Declared, effects};
 
 /// Places of an amplitude and of its exponent in a model's vector.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +37,7 @@ pub(super) fn load_exponents(model: &ComposedModel) -> Vec<LoadExponent> {
         let Some(effect) = parameter.effect else {
             continue;
         };
-        let Some([amplitude, own]) = effects::find(effect).and_then(|e| e.load_exponent()) else {
+        let Some([amplitude, own]) = effects::find(effect).and_then(Declared::load_exponent) else {
             continue;
         };
         if parameter.declaration.name != own {
