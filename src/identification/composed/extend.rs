@@ -43,7 +43,7 @@ const LEFT_MAX: f64 = 1.5;
 /// Standard errors below this share of the prior's deviation come from the data.
 const DETERMINED: f64 = 0.7;
 /// Candidates whose gains differ by less than this share, and whose amplitudes do too, are one.
-const ALIKE: f64 = 1e-2;
+const ALIKE: f64 = 1e-3;
 /// Least gain of a candidate worth a refit: two standard errors of one amplitude.
 const GAIN_MIN: f64 = 4.0;
 /// Least part of the effect that the fitted model must not be able to mimic.

@@ -6,7 +6,7 @@
 
 use crate::{
     identification::intake::PreparedEvent,
-    load_model::{composed::ComposedModel, effects},
+    load_model::{composed::ComposedModel, effect::Declared, effects},
 };
 
 /// Places of an amplitude and of its exponent in a model's vector.
@@ -40,7 +40,7 @@ pub(super) fn load_exponents(model: &ComposedModel) -> Vec<LoadExponent> {
         let Some(effect) = parameter.effect else {
             continue;
         };
-        let Some([amplitude, own]) = effects::find(effect).and_then(|e| e.load_exponent()) else {
+        let Some([amplitude, own]) = effects::find(effect).and_then(Declared::load_exponent) else {
             continue;
         };
         if parameter.declaration.name != own {

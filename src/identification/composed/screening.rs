@@ -36,8 +36,10 @@ pub struct Score {
 const START_WITHIN: f64 = 0.6;
 /// Two dips whose lowest voltages are closer than this, relative to V0, leave no gap for a threshold.
 const GAP_MIN: f64 = 0.012;
+/// A gap wider than this is tried at three places.
+const WIDE_GAP: f64 = 0.06;
 /// Thresholds tried at most.
-const THRESHOLDS_MAX: usize = 10;
+const THRESHOLDS_MAX: usize = 16;
 /// A dip is at least this deep.
 const DIP: f64 = 0.97;
 /// First steps of a pattern search around a grid point, in standard deviations of the prior and at most
@@ -84,9 +86,17 @@ pub(super) fn thresholds(events: &[PreparedEvent], declared: &Parameter) -> Vec<
     let within = |v: f64| v.clamp(declared.lower, declared.upper);
     let mut list = vec![declared.lower];
     for pair in lowest.windows(2) {
-        if pair[1] - pair[0] > GAP_MIN {
-            list.push(within(0.5 * (pair[0] + pair[1])));
-        }
+        let gap = pair[1] - pair[0];
+        // A dip reaches its lowest voltage late: where in a wide gap a threshold lies shows in when the
+        // dips below it take effect.
+        let shares: &[f64] = if gap > WIDE_GAP {
+            &[1.0 / 6.0, 0.5, 5.0 / 6.0]
+        } else if gap > GAP_MIN {
+            &[0.5]
+        } else {
+            &[]
+        };
+        list.extend(shares.iter().map(|share| within(pair[0] + share * gap)));
     }
     list.dedup();
     let count = list.len();

@@ -61,6 +61,7 @@ pub(in crate::load_model) fn latch<S: Scalar>(
 
 /// Times of a relay and of the switch it opens, s.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::struct_field_names, reason = "units come last")]
 pub(super) struct SwitchTimes<S> {
     /// How long the condition must hold before the relay picks up.
     pub(super) pick_up_s: S,
