@@ -25,7 +25,9 @@ pub struct ComposedLoad {
 
 impl EventModel for ComposedLoad {
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
-        let (own, _) = self.model.on_event_base(&self.parameters, event.v0_pu, event.p0_pu);
+        let (own, _) = self
+            .model
+            .on_event_base(&self.parameters, event.v0_pu, event.p0_pu);
         let response = self.model.simulate(&own, &[], &drive(event))?;
         let measured = event.chain.measured(&response.active, &response.reactive);
         let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();
