@@ -29,8 +29,8 @@ pub struct FrequencyCourse<'a, S> {
     pub time_s: &'a [f64],
     /// Frequency deviation there, pu.
     pub deviation: &'a [S],
-    /// When the phasor jumps for the first time, s.
-    pub onset_s: Option<f64>,
+    /// When the phasor jumps, s.
+    pub jumps_s: &'a [f64],
     /// Synchronous angular speed before the event, rad/s.
     pub synchronous_speed_rad_s: f64,
 }

@@ -286,10 +286,12 @@ fn seen<S: Pass>(
         .filter(|e| e.declaration.acts_on(Place::MotorFrequency))
         .peekable();
     acting.peek()?;
+    let jumps = grid.time_s.iter().zip(&grid.jump);
+    let jumps_s: Vec<f64> = jumps.filter(|(_, jump)| **jump).map(|(t, _)| *t).collect();
     let course = FrequencyCourse {
         time_s: &grid.time_s,
         deviation: frequency,
-        onset_s: (grid.jump.iter().position(|jump| *jump)).map(|k| grid.time_s[k]),
+        jumps_s: &jumps_s,
         synchronous_speed_rad_s: drive.terminal.synchronous_speed_rad_s,
     };
     let nothing = Seen {

@@ -267,3 +267,33 @@ fn the_order_and_choice_of_wanted_parameters_change_no_number() {
     assert_eq!(few.active_derivatives[0], every.active_derivatives[9]);
     assert_eq!(few.reactive_derivatives[1], every.reactive_derivatives[1]);
 }
+
+#[test]
+fn the_same_equipment_has_other_figures_on_the_base_of_another_event() {
+    // V0 = 0.95, P0 = 0.8: V0^2 = 0.9025. 0.4/0.9025 = 0.443213; ln 0.9025 = -0.102587;
+    // 0.04 x 0.8/0.9025 = 0.0354571.
+    let structure = Structure::zip_im().with("feeder_impedance").unwrap();
+    let model = ComposedModel::new(&structure);
+    let mut declared = model.typical();
+    let resistance = model.index("feeder_impedance.resistance").unwrap();
+    declared[1] = 7.0;
+    declared[2] = 0.4;
+    declared[resistance] = 0.04;
+    let (own, slopes) = model.on_event_base(&declared, 0.95, 0.8);
+    assert!((own[1] - 6.897_413).abs() < 1e-6);
+    assert!((own[2] - 0.443_213).abs() < 1e-6);
+    assert!((own[resistance] - 0.035_457_1).abs() < 1e-7);
+    assert!(own[0].to_bits() == declared[0].to_bits() && own[3].to_bits() == declared[3].to_bits());
+    for (k, p) in model.parameters().iter().enumerate() {
+        let mut moved = declared.clone();
+        moved[k] += 1e-3;
+        let (there, _) = model.on_event_base(&moved, 0.95, 0.8);
+        assert!(
+            ((there[k] - own[k]) / 1e-3 - slopes[k]).abs() < 1e-9,
+            "{}",
+            p.name
+        );
+        let back = p.declaration.reference.declared(own[k], 0.95, 0.8);
+        assert!((back - declared[k]).abs() < 1e-12, "{}", p.name);
+    }
+}

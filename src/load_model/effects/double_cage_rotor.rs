@@ -12,6 +12,16 @@
 //! i = (u - e'')/(r + j x''),   de''/dt = j s (e'' - e') + de'/dt + (e' - e'' + j (x' - x'') i)/T''       (1)
 //! ```
 //!
+//! With `y = e'' - e'` this is `dy/dt = j s y - (y - j (x' - x'') i)/T''`: two circuits side by side, so that every
+//! double cage has parameters here exactly, from the partial fractions of its operational reactance
+//!
+//! ```text
+//! x(p) = x'' + (x - x')/(1 + p T0') + (x' - x'')/(1 + p T'')                 (2)
+//! ```
+//!
+//! `kappa` and `alpha` are those of the slow circuit alone: they move when a cage is added to a motor
+//! fitted without one, mostly `kappa` downwards with the motor's share going up.
+//!
 //! Source: equations of PSAT's fifth-order motor as in `OpenIPSL` `MotorTypeV.mo` (verified); T'' about
 //! 2 ms open-circuit and L'' .7 to .87 of L' in MOTORW records (not verified).
 
@@ -90,6 +100,7 @@ mod tests {
             },
             376.99,
         );
+        description.reactance = 2.0;
         description.second_cage = Some([0.25, 0.01]);
         let motor = Motor::new(&description).unwrap();
         let [p0, q0] = motor.rest_power;

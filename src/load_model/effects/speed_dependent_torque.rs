@@ -11,7 +11,9 @@
 //! T_m = T_0 (w / w_0)^m                     (1)
 //! ```
 //!
-//! solved within the swing equation (4) of `composed::motor`; `w` the rotor speed.
+//! solved within the swing equation (4) of `composed::motor`; `w` the rotor speed. `m` is 0 for a torque
+//! that stays, about 2 for fans and pumps, somewhat more where they work against a static head; no drive
+//! has a negative one.
 //!
 //! Source: torque exponent `etrq` of the motors A to C in the WECC composite load model (0 for A, 2 for B
 //! and C, not verified) and `torqueExponent` of Dynawo's fifth-order motor (verified by name). The
@@ -34,10 +36,10 @@ const DECLARATION: Declaration = Declaration {
     name: "speed_dependent_torque",
     title: "Load torque that depends on the speed",
     kind: Kind::Physics,
-    version: 1,
-    parameters: &[Parameter::two_sided(
+    version: 2,
+    parameters: &[Parameter::one_sided(
         ["exponent", "m", "1"],
-        [-0.5, 2.0, 3.5, 0.5],
+        [2.0, 3.5, 0.5],
     )],
     states: &[],
     acts_on: &[Place::Motor],
