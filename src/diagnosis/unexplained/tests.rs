@@ -195,20 +195,6 @@ fn curves_that_do_not_fit_the_events_are_left_aside() {
 }
 
 #[test]
-fn samples_of_infinite_deviation_and_values_that_are_no_numbers_do_no_harm() {
-    let (mut events, curves) = events(5);
-    for event in &mut events {
-        for k in 50..100 {
-            event.active_deviation[k] = f64::INFINITY;
-            event.reactive_deviation[k] = f64::NAN;
-        }
-        event.voltage[120] = f64::NAN;
-        event.active[130] = f64::NAN;
-    }
-    assert_eq!(describe(&events, &curves), None);
-}
-
-#[test]
 fn every_term_makes_a_sound_file() {
     let (mut events, curves) = events(4);
     events[0].highest_voltage = 1.1;
