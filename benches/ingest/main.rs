@@ -10,6 +10,8 @@
     clippy::expect_used,
     clippy::panic,
     clippy::print_stdout,
+    missing_docs,
+    unreachable_pub,
     reason = "a bench that cannot go on should say why"
 )]
 

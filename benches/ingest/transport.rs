@@ -31,19 +31,19 @@ pub fn carry(payload: &Payload) -> Carried {
     let runtime = Runtime::new().unwrap();
     let message = Source::new(site("bench"), 60.0, 1_700_000_000_000_000_000).message(*payload);
     let (sent, wall_s, cpu_s) = runtime.block_on(async {
-        let listener = zenoh::open(&ZenohOptions {
+        let options = ZenohOptions {
             listen: vec!["tcp/127.0.0.1:0".to_owned()],
             ..ZenohOptions::default()
-        });
-        let listener = listener.await.unwrap();
+        };
+        let listener = zenoh::open(&options).await.unwrap();
         let endpoint = listener.info().locators().await[0].to_string();
-        let sender = zenoh::open(&ZenohOptions {
+        let options = ZenohOptions {
             mode: Mode::Client,
             listen: Vec::new(),
             connect: vec![endpoint],
             ..ZenohOptions::default()
-        });
-        let sender = sender.await.unwrap();
+        };
+        let sender = zenoh::open(&options).await.unwrap();
         let received = Arc::new(AtomicU64::new(0));
         let counted = Arc::clone(&received);
         let subscriber = listener

@@ -13,6 +13,10 @@ use super::{
 /// Parts of a second in the commands' time stamps.
 const COMMAND_TIME_BASE: u32 = 1_000_000;
 
+/// Time between "data off" and the request for the configuration, milliseconds. Sources exist that take
+/// what one reading brings for a single command (seen: the Python package `synchrophasor` 1.0.0a0).
+const SPACING_MS: i64 = 250;
+
 /// How a client talks to a source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DialogueOptions {
@@ -27,7 +31,8 @@ pub struct DialogueOptions {
     pub answer_ms: i64,
     /// Times the configuration is asked for before the connection is given up. Default 3.
     pub requests_max: u32,
-    /// Silence after which the connection is given up, milliseconds. Default 10 000.
+    /// Silence after which a connection that has brought its configuration is given up, milliseconds.
+    /// Default 10 000.
     pub silence_ms: i64,
     /// Time between repetitions of the configuration for those who came later, milliseconds. Default
     /// 60 000.
@@ -149,10 +154,8 @@ impl Dialogue {
         if !self.options.commanded {
             return Vec::new();
         }
-        let mut steps = Vec::new();
-        steps.extend(self.command(Command::DataOff, now_ms));
-        steps.extend(self.ask(now_ms));
-        steps
+        self.asked_ms = Some(now_ms - self.options.answer_ms + SPACING_MS);
+        self.command(Command::DataOff, now_ms).into_iter().collect()
     }
 
     /// A frame with a right check word arrived.
@@ -194,7 +197,8 @@ impl Dialogue {
 
     /// Time passed; to be called several times a second while a connection stands.
     pub fn tick(&mut self, now_ms: i64) -> Vec<Step> {
-        if now_ms - self.heard_ms >= self.options.silence_ms {
+        let waits = self.options.commanded && !self.running;
+        if !waits && now_ms - self.heard_ms >= self.options.silence_ms {
             return vec![Step::GiveUp(Trouble::Silent)];
         }
         if self.running {
