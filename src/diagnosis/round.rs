@@ -11,9 +11,9 @@ use crate::{
     load_model::effect::Kind,
 };
 
-/// Part of every motor: left out of the model it makes other effects look missing, so that every
+/// What every motor has: left out of the model it makes other effects look missing, so that every
 /// trial has it. It is itself reported only when nothing else is.
-const COMPANION: &str = "stator_resistance";
+const COMPANIONS: [&str; 2] = ["stator_resistance", "frequency_scaled_power"];
 /// A companion is kept when it lowers the criterion by this much.
 const COMPANION_DELTA_BIC: f64 = -10.0;
 /// Firsts from which a pair is sought where one effect does not reach the floor.
@@ -51,8 +51,7 @@ impl Round {
 /// Tries every effect on a fitted structure and decides.
 pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, IdentificationError> {
     let asked = Fitted::new(case, asked);
-    let companion = companion(case, &asked.baseline)?;
-    let accompanied = companion.map(|baseline| Fitted::new(case, baseline));
+    let accompanied = companions(case, &asked.baseline)?.map(|b| Fitted::new(case, b));
     let base = accompanied.as_ref().unwrap_or(&asked);
     let names = addable(&base.baseline.structure, case.options);
     let mut list = trials(case, base, &names)?;
@@ -61,15 +60,18 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
         && decision.answer.is_empty()
         && decision.status != Status::CannotJudge
     {
-        // Nothing else is missing: the companion speaks for itself.
-        let own = trials(case, &asked, &[COMPANION])?;
-        let place = list.len();
+        // Nothing else is missing: the companions speak for themselves.
+        let present = |name: &&&str| !asked.baseline.structure.contains(name);
+        let names: Vec<&'static str> = COMPANIONS.iter().filter(present).copied().collect();
+        let own = trials(case, &asked, &names)?;
+        let declared = |t: &Trial| {
+            let evidence = t.evidence.as_ref();
+            evidence.is_some_and(|e| objections(e, &case.options.claim).is_empty())
+        };
+        let first = own.iter().position(declared).map(|k| list.len() + k);
         list.extend(own);
-        if let Some(evidence) = list.get(place).and_then(|t| t.evidence.as_ref()) {
-            let against = objections(evidence, &case.options.claim);
-            if against.is_empty() {
-                decision = companion_decision(case, with, decision, place);
-            }
+        if let Some(place) = first {
+            decision = companion_decision(case, with, &list[place], decision, place);
         }
     }
     Ok(Round {
@@ -80,22 +82,29 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     })
 }
 
-fn companion(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, IdentificationError> {
-    let excluded = case.options.excluded.iter().any(|x| x == COMPANION);
-    if excluded || base.structure.with(COMPANION).is_err() {
-        return Ok(None);
+/// The baseline with the companions that lower the criterion; none where none does.
+fn companions(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, IdentificationError> {
+    let mut kept: Option<Baseline> = None;
+    for name in COMPANIONS {
+        let at = kept.as_ref().unwrap_or(base);
+        let excluded = case.options.excluded.iter().any(|x| x == name);
+        if excluded || at.structure.with(name).is_err() {
+            continue;
+        }
+        case.watcher.says(format!("fitting {name} beside it"), 0, 1);
+        let with = at.with(
+            &case.judged,
+            name,
+            &case.options.composed,
+            case.watcher.cancel,
+        )?;
+        case.watcher.check()?;
+        let gain = |with: &Baseline| with.all.criterion() - at.all.criterion();
+        if let Some(with) = with.filter(|w| gain(w) < COMPANION_DELTA_BIC) {
+            kept = Some(with);
+        }
     }
-    case.watcher
-        .says("fitting the stator resistance".to_owned(), 0, 1);
-    let with = base.with(
-        &case.judged,
-        COMPANION,
-        &case.options.composed,
-        case.watcher.cancel,
-    )?;
-    case.watcher.check()?;
-    let gain = |with: &Baseline| with.all.criterion() - base.all.criterion();
-    Ok(with.filter(|w| gain(w) < COMPANION_DELTA_BIC))
+    Ok(kept)
 }
 
 fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, IdentificationError> {
@@ -256,11 +265,22 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
     }
 }
 
-fn companion_decision(case: &Case<'_>, with: &Fitted, before: Decision, place: usize) -> Decision {
+fn companion_decision(
+    case: &Case<'_>,
+    with: &Fitted,
+    own: &Trial,
+    before: Decision,
+    place: usize,
+) -> Decision {
     let chi_square = with.chi_square();
     let enough = chi_square < 2.0 * case.options.claim.floor;
+    let after = own
+        .evidence
+        .as_ref()
+        .map_or(chi_square, |e| e.chi_square_after);
     let mut reasons = vec![format!(
-        "with {COMPANION} the misfit is {chi_square:.2} per sample"
+        "with {} the misfit is {after:.2} per sample",
+        own.name()
     )];
     if !enough {
         reasons.extend(before.reasons);

@@ -161,10 +161,10 @@ fn mild_count(events: usize, share: f64) -> usize {
     ((events as f64 * share).ceil() as usize).max(MILD_EVENTS_MIN)
 }
 
-/// The parameters of ZIP and motor.
+/// The parameters of ZIP and motor, and those of effects that the plain search knows in part.
 fn base_parameters(model: &ComposedModel) -> Vec<usize> {
     let all = model.parameters().iter().enumerate();
-    all.filter(|(_, p)| p.effect.is_none() && p.declaration.role == Role::Base)
+    all.filter(|(_, p)| p.effect.is_some() || p.declaration.role == Role::Base)
         .map(|(index, _)| index)
         .collect()
 }
