@@ -72,6 +72,12 @@ impl Station {
         self.frames.receiver_count()
     }
 
+    /// Frames that some client has not taken yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.frames.len()
+    }
+
     /// Frames that clients were too slow for.
     #[must_use]
     pub fn lost(&self) -> u64 {

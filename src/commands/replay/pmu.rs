@@ -22,6 +22,8 @@ use crate::{
 const BETWEEN_EVENTS_S: f64 = 2.0;
 /// Period of looking whether somebody listens.
 const LISTENING_PERIOD: Duration = Duration::from_millis(20);
+/// Longest wait at the end for clients that have not taken every frame.
+const SLOW_CLIENTS: Duration = Duration::from_secs(10);
 /// Time for the last frames to go out, before connections are closed.
 const LAST_FRAMES: Duration = Duration::from_millis(200);
 
@@ -97,6 +99,10 @@ impl<'p> Programme<'p> {
                 progress(1);
             }
             sleep(pace.of(BETWEEN_EVENTS_S)).await;
+        }
+        let limit = Instant::now() + SLOW_CLIENTS;
+        while station.waiting() > 0 && Instant::now() < limit {
+            sleep(LISTENING_PERIOD).await;
         }
         sleep(LAST_FRAMES).await;
         Ok(PlayedFrames {
