@@ -296,7 +296,8 @@ fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
     let latest = daemon.get("/api/v1/sites/demo/diagnoses/latest");
     assert_eq!(latest.0, 200);
     assert_eq!(serde_json::from_str::<Value>(&latest.1).unwrap(), first);
-    let asked = zenoh::ask(&session, &keys.diagnosis("demo"), Duration::from_secs(30));
+    let key = keys.diagnosis("demo");
+    let asked = zenoh::ask(&session, &key, Duration::from_secs(30));
     let answer: Value = serde_json::from_str(&runtime.block_on(asked).unwrap()).unwrap();
     assert_eq!(answer, first, "the answer is what was published");
 
