@@ -84,6 +84,23 @@ pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
         || left / before < options.left_share
 }
 
+/// Whether the best of the trials leaves so little, and every one outside the answer set so much more,
+/// that its name stands although the floor is not reached: the equations of a real device differ a
+/// little from ours, and no other device's come near.
+pub(super) fn decisive(list: &[(Evidence, bool)], chosen: &[usize], options: &ClaimOptions) -> bool {
+    let Some(&best) = chosen.first() else {
+        return false;
+    };
+    let excess = |chi_square: f64| (chi_square - options.floor).max(0.0);
+    let evidence = &list[best].0;
+    let left = excess(evidence.chi_square_after);
+    let others = (0..list.len()).filter(|i| !chosen.contains(i));
+    left <= options.decisive_share * excess(evidence.chi_square_before)
+        && others.fold(true, |all, i| {
+            all && excess(list[i].0.chi_square_after) >= options.decisive_factor * left
+        })
+}
+
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be
 /// told from it, itself first. Those that may not be declared do not count, nor rivals that must
 /// stretch a parameter to its bound where the first need not.
@@ -184,6 +201,16 @@ mod tests {
         let options = ClaimOptions::default();
         assert!(reaches(&evidence(-500.0, 2.0, true), &options));
         assert!(!reaches(&evidence(-500.0, 6.0, true), &options));
+        let far = [
+            (evidence(-5000.0, 1.5, true), true),
+            (evidence(-900.0, 8.0, true), true),
+        ];
+        assert!(decisive(&far, &[0], &options));
+        let near = [
+            (evidence(-5000.0, 1.5, true), true),
+            (evidence(-4000.0, 2.0, true), true),
+        ];
+        assert!(!decisive(&near, &[0], &options));
         let large = Evidence {
             chi_square_before: 1000.0,
             ..evidence(-500.0, 6.0, true)

@@ -56,6 +56,10 @@ pub struct ClaimOptions {
     pub reached_floors: f64,
     /// ... or where it leaves at most this share of what was above the floor.
     pub left_share: f64,
+    /// ... or at most this share, when ...
+    pub decisive_share: f64,
+    /// ... every effect outside the answer set leaves at least this many times as much.
+    pub decisive_factor: f64,
 }
 
 impl Default for ClaimOptions {
@@ -70,6 +74,8 @@ impl Default for ClaimOptions {
             floor: 0.7,
             reached_floors: 3.0,
             left_share: 0.03,
+            decisive_share: 0.12,
+            decisive_factor: 2.5,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     case::Case,
-    claim::{answer_set, objections, reaches},
+    claim::{Evidence, answer_set, decisive, objections, reaches},
     outcome::Status,
     trials::{Fitted, Trial, addable, trials},
 };
@@ -112,41 +112,29 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
     if case.judged.len() < 2 {
         return Ok(nothing_declared(case, base));
     }
-    let refitted: Vec<(usize, &Trial)> = list
-        .iter()
-        .enumerate()
-        .filter(|(_, t)| t.evidence.is_some())
+    let refitted: Vec<(usize, Evidence)> = (list.iter().enumerate())
+        .filter_map(|(place, trial)| Some((place, trial.evidence.clone()?)))
         .collect();
-    let judged: Vec<_> = refitted
-        .iter()
-        .filter_map(|(_, t)| {
-            let evidence = t.evidence.clone()?;
-            let allowed = objections(&evidence, options).is_empty();
-            Some((evidence, allowed))
-        })
+    let judged: Vec<(Evidence, bool)> = (refitted.iter())
+        .map(|(_, evidence)| (evidence.clone(), objections(evidence, options).is_empty()))
         .collect();
-    let answer: Vec<usize> = answer_set(&judged, options)
-        .iter()
-        .map(|&i| refitted[i].0)
-        .collect();
-    let Some(&best) = answer.first() else {
+    let chosen = answer_set(&judged, options);
+    let answer: Vec<usize> = chosen.iter().map(|&i| refitted[i].0).collect();
+    let (Some(&best), Some(&place)) = (chosen.first(), answer.first()) else {
         return Ok(nothing_declared(case, base));
     };
-    let trial = &list[best];
-    let Some(evidence) = &trial.evidence else {
-        return Ok(nothing_declared(case, base));
-    };
+    let evidence = &judged[best].0;
     let found = format!(
         "with {} the misfit of the fitted events falls from {:.2} to {:.2} per sample",
-        trial.name(),
+        list[place].name(),
         evidence.chi_square_before,
         evidence.chi_square_after
     );
-    let status = match trial.declaration.kind {
+    let status = match list[place].declaration.kind {
         Kind::Physics => Status::MissingEffect,
         Kind::Instrument => Status::InstrumentSuspect,
     };
-    if reaches(evidence, options) {
+    if reaches(evidence, options) || decisive(&judged, &chosen, options) {
         return Ok(Decision {
             status,
             answer,
@@ -154,26 +142,9 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
             second: None,
         });
     }
-    match pair(case, list, &answer)? {
-        Some(pair) => {
-            let reason = format!(
-                "{} alone leaves more than the noise; together with {} the misfit is {:.2} per sample",
-                list[pair.first].name(),
-                pair.second,
-                pair.chi_square
-            );
-            let mut answer = answer;
-            answer.retain(|i| *i != pair.first);
-            answer.insert(0, pair.first);
-            answer.truncate(1.max(answer.len().min(2)));
-            Ok(Decision {
-                status,
-                answer,
-                reasons: vec![found, reason],
-                second: Some(pair.second),
-            })
-        }
-        None => Ok(Decision {
+    Ok(match pair(case, list, &answer)? {
+        Some(pair) => with_second(list, status, answer, found, &pair),
+        None => Decision {
             status: Status::UnknownEffect,
             answer: Vec::new(),
             reasons: vec![
@@ -184,7 +155,32 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
                 ),
             ],
             second: None,
-        }),
+        },
+    })
+}
+
+/// The first of a pair, with whom these events do not tell it from.
+fn with_second(
+    list: &[Trial],
+    status: Status,
+    mut answer: Vec<usize>,
+    found: String,
+    pair: &Pair,
+) -> Decision {
+    let reason = format!(
+        "{} alone leaves more than the noise; together with {} the misfit is {:.2} per sample",
+        list[pair.first].name(),
+        pair.second,
+        pair.chi_square
+    );
+    answer.retain(|i| *i != pair.first);
+    answer.insert(0, pair.first);
+    answer.truncate(2);
+    Decision {
+        status,
+        answer,
+        reasons: vec![found, reason],
+        second: Some(pair.second),
     }
 }
 

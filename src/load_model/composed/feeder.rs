@@ -98,12 +98,20 @@ impl Implicit for Sensitivity {
         let (a, b) = (1.0 - by(0, 0), -by(0, 1));
         let (c, d) = (-by(1, 0), 1.0 - by(1, 1));
         let scale = 1.0 / (a * d - b * c);
-        let mut derivatives = [[0.0; LANES]; 2];
-        for lane in 0..LANES - PROBES {
-            let (x, y) = (image[0].derivative(lane), image[1].derivative(lane));
-            derivatives[0][lane] = (d * x - b * y) * scale;
-            derivatives[1][lane] = (a * y - c * x) * scale;
-        }
+        let of = |part: fn([f64; 4], f64, f64) -> f64| -> [f64; LANES] {
+            std::array::from_fn(|lane| {
+                if lane < LANES - PROBES {
+                    let (x, y) = (image[0].derivative(lane), image[1].derivative(lane));
+                    part([a, b, c, d], x, y) * scale
+                } else {
+                    0.0
+                }
+            })
+        };
+        let derivatives = [
+            of(|[_, b, _, d], x, y| d * x - b * y),
+            of(|[a, _, c, _], x, y| a * y - c * x),
+        ];
         [
             Self::new(at[0], &derivatives[0]),
             Self::new(at[1], &derivatives[1]),
