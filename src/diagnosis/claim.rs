@@ -87,7 +87,11 @@ pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
 /// Whether the best of the trials leaves so little, and every one outside the answer set so much more,
 /// that its name stands although the floor is not reached: the equations of a real device differ a
 /// little from ours, and no other device's come near.
-pub(super) fn decisive(list: &[(Evidence, bool)], chosen: &[usize], options: &ClaimOptions) -> bool {
+pub(super) fn decisive(
+    list: &[(Evidence, bool)],
+    chosen: &[usize],
+    options: &ClaimOptions,
+) -> bool {
     let Some(&best) = chosen.first() else {
         return false;
     };

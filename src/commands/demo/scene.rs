@@ -122,7 +122,9 @@ fn token_of_its_own() -> TokenSource {
     let mut bytes = [0; 32];
     let read = fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes));
     let digit = |value: u8| char::from_digit(u32::from(value), 16).unwrap_or('0');
-    let pairs = bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]);
+    let pairs = bytes
+        .iter()
+        .flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]);
     let text: String = pairs.collect();
     match (read, Token::new(&text)) {
         (Ok(()), Ok(token)) => TokenSource::Given(token),

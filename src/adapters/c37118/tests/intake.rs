@@ -74,7 +74,11 @@ fn several_frames_of_one_message_are_one_batch_and_a_gap_cuts_it() {
     }
     let taken = intake.take(&message);
     assert_eq!(counted(&taken), [("sample", 5), ("configuration", 1)]);
-    let lengths: Vec<usize> = taken.batches.iter().map(crate::measurement::batch::SampleBatch::len).collect();
+    let lengths: Vec<usize> = taken
+        .batches
+        .iter()
+        .map(crate::measurement::batch::SampleBatch::len)
+        .collect();
     assert_eq!(lengths, [3, 2]);
 }
 
