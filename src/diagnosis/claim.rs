@@ -98,11 +98,9 @@ pub(super) fn decisive(
     let excess = |chi_square: f64| (chi_square - options.floor).max(0.0);
     let evidence = &list[best].0;
     let left = excess(evidence.chi_square_after);
-    let others = (0..list.len()).filter(|i| !chosen.contains(i));
+    let mut others = (0..list.len()).filter(|i| !chosen.contains(i));
     left <= options.decisive_share * excess(evidence.chi_square_before)
-        && others.fold(true, |all, i| {
-            all && excess(list[i].0.chi_square_after) >= options.decisive_factor * left
-        })
+        && others.all(|i| excess(list[i].0.chi_square_after) >= options.decisive_factor * left)
 }
 
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be

@@ -16,7 +16,7 @@
 //! dg/dt   = D w_0 F                                                         (2)
 //! ```
 //!
-//! `c = 1` in (1) is the plain statement above: the stator's voltage is `j f` times its flux linkages, so
+//! `c = 1` in (1), from which the prior lets it stray by 0.15 only, is the plain statement above: the stator's voltage is `j f` times its flux linkages, so
 //! the machine of nominal frequency sees `u/f` and its torque times `f` is power. (2) is for phasors whose
 //! angle does not carry the course of the whole system's frequency, because they are given against a
 //! reference that turns with it (`D = 1`), or twice (`D = -1`); simulators that keep a motor's slip
@@ -37,7 +37,7 @@
 use crate::{
     load_model::{
         composed::{FrequencyCourse, Seen},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place},
+        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Prior, Scale},
     },
     numerics::Elementary,
 };
@@ -52,7 +52,14 @@ const DECLARATION: Declaration = Declaration {
     kind: Kind::Physics,
     version: 2,
     parameters: &[
-        Parameter::two_sided(["coefficient", "c", "1"], [-0.5, 1.0, 2.0, 0.3]),
+        Parameter {
+            prior: Prior {
+                centre: 1.0,
+                deviation: 0.15,
+                scale: Scale::Linear,
+            },
+            ..Parameter::two_sided(["coefficient", "c", "1"], [-0.5, 1.0, 2.0, 0.3])
+        },
         Parameter::two_sided(["reference_share", "D", "1"], [-1.5, 0.0, 1.5, 0.3]),
     ],
     states: &[],
