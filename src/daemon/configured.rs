@@ -59,6 +59,7 @@ impl Settings {
             http: HttpOptions {
                 listen: config.http.listen,
                 rows_max: config.http.rows_max,
+                open_pages: false,
                 token: config
                     .http
                     .token_file

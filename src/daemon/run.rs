@@ -278,6 +278,7 @@ async fn open_http(
         metrics: Arc::clone(metrics),
         health: Arc::clone(health),
         actions,
+        open_pages: settings.http.open_pages,
         rows_max: settings.http.rows_max,
     });
     let stop = CancellationToken::new();

@@ -94,6 +94,11 @@ impl Actions {
         self.token.is_some()
     }
 
+    /// A word that only who knows the token can know; none without a token.
+    pub(in crate::adapters) fn derived(&self, purpose: &str) -> Option<String> {
+        self.token.as_ref().map(|token| token.derived(purpose))
+    }
+
     /// Whether a request with these headers may change something.
     ///
     /// # Errors

@@ -1,14 +1,14 @@
-//! Metrics, health, a view of the store, and actions for whoever has the token, over HTTP.
+//! Metrics, health, a view of the store, and actions for whoever has the token, over HTTP;
+//! `adapters::web` has the pages.
 
 mod actions;
 mod api;
 pub mod client;
 mod documents;
 pub mod health;
-mod index;
 pub mod options;
 pub mod server;
-mod token;
+pub(in crate::adapters) mod token;
 
 pub use actions::{Actions, Change, Refusal};
 pub use documents::{

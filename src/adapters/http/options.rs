@@ -15,6 +15,9 @@ pub struct HttpOptions {
     pub listen: Option<SocketAddr>,
     /// Rows of one answer at most. Default 200, 1 to 10000.
     pub rows_max: usize,
+    /// Whether the pages act without asking for the token when reached by an address of this machine:
+    /// for demonstrations. Default: no.
+    pub open_pages: bool,
     /// The token that whoever changes things must show. Default: the credential, if there is one.
     pub token: TokenSource,
 }
@@ -37,6 +40,7 @@ impl Default for HttpOptions {
         Self {
             listen: Some(SocketAddr::from((Ipv4Addr::LOCALHOST, 9464))),
             rows_max: 200,
+            open_pages: false,
             token: TokenSource::Credential,
         }
     }

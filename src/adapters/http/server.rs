@@ -12,9 +12,9 @@ use axum::{
 };
 use tokio::net::TcpListener;
 
-use super::{Actions, Health, actions, api, index};
+use super::{Actions, Health, actions, api};
 use crate::{
-    adapters::{prometheus, store::Store},
+    adapters::{prometheus, store::Store, web},
     telemetry::Metrics,
 };
 
@@ -29,6 +29,9 @@ pub struct Context {
     pub health: Arc<Health>,
     /// What people may do.
     pub actions: Actions,
+    /// Whether the pages act without asking for the token when reached by an address of this machine:
+    /// for demonstrations.
+    pub open_pages: bool,
     /// Rows of one answer at most.
     pub rows_max: usize,
 }
@@ -61,14 +64,14 @@ pub async fn serve(
 
 fn router(context: Arc<Context>) -> Router {
     Router::new()
-        .route("/", get(index::index))
         .route("/metrics", get(metrics))
         .route("/healthz", get(health))
         .route("/livez", get(live))
         .merge(api::routes())
         .merge(actions::routes())
+        .with_state(Arc::clone(&context))
+        .merge(web::router(context))
         .layer(middleware::from_fn(with_headers))
-        .with_state(context)
 }
 
 async fn metrics(State(context): State<Arc<Context>>) -> Response {
@@ -108,14 +111,17 @@ async fn with_headers(request: Request, next: Next) -> Response {
     for (name, value) in [
         (
             header::CONTENT_SECURITY_POLICY,
-            "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; \
-             frame-ancestors 'none'",
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; \
+             connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
         ),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
         (header::REFERRER_POLICY, "no-referrer"),
-        (header::CACHE_CONTROL, "no-store"),
     ] {
         headers.insert(name, HeaderValue::from_static(value));
     }
+    // What is addressed by its content says itself how long it may be kept.
+    headers
+        .entry(header::CACHE_CONTROL)
+        .or_insert(HeaderValue::from_static("no-store"));
     response
 }

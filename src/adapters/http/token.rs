@@ -43,12 +43,29 @@ impl Token {
         let difference = pairs.fold(0, |sum, (ours, theirs)| sum | (ours ^ theirs));
         difference == 0
     }
+
+    /// A word that only who knows the token can know, another one for each purpose.
+    #[must_use]
+    pub fn derived(&self, purpose: &str) -> String {
+        let mut hash = Sha256::new();
+        hash.update(self.digest);
+        hash.update(purpose);
+        let word = hash.finalize();
+        hexadecimal(&word)
+    }
 }
 
 impl fmt::Debug for Token {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Token")
     }
+}
+
+pub(in crate::adapters) fn hexadecimal(bytes: &[u8]) -> String {
+    let halves = bytes.iter().flat_map(|byte| [byte >> 4, byte & 15]);
+    halves
+        .filter_map(|half| char::from_digit(half.into(), 16))
+        .collect()
 }
 
 fn digest(text: &str) -> [u8; 32] {

@@ -3,7 +3,7 @@
 /// Indices of at most about `points_max` samples of `values` that draw the same curve: of every
 /// bucket the first, lowest, highest and last sample, and one missing sample where there is one,
 /// so that gaps stay gaps. All indices when there are few enough.
-pub(super) fn envelope(values: &[f64], points_max: usize) -> Vec<usize> {
+pub(in crate::adapters) fn envelope(values: &[f64], points_max: usize) -> Vec<usize> {
     const KEPT_PER_BUCKET: usize = 5;
     if values.len() <= points_max {
         return (0..values.len()).collect();
@@ -33,7 +33,7 @@ fn bucket_envelope(values: &[f64], start: usize, end: usize) -> Vec<usize> {
 
 /// Indices of at most `rows_max` samples for a table: half of the rows go to samples with
 /// `important` set, evenly thinned, the rest to all samples, evenly thinned.
-pub(super) fn rows(important: &[bool], rows_max: usize) -> Vec<usize> {
+pub(in crate::adapters) fn rows(important: &[bool], rows_max: usize) -> Vec<usize> {
     let marked: Vec<_> = (0..important.len()).filter(|&k| important[k]).collect();
     let mut kept = thinned(&marked, rows_max / 2);
     let all: Vec<_> = (0..important.len()).collect();
@@ -44,7 +44,7 @@ pub(super) fn rows(important: &[bool], rows_max: usize) -> Vec<usize> {
 }
 
 /// At most `count_max` of `items`, evenly spaced, the first among them.
-pub(super) fn thinned(items: &[usize], count_max: usize) -> Vec<usize> {
+pub(in crate::adapters) fn thinned(items: &[usize], count_max: usize) -> Vec<usize> {
     if count_max == 0 {
         return Vec::new();
     }

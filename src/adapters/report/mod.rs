@@ -5,7 +5,7 @@
 //! every figure carries a description and the data it was drawn from. Everything that comes from
 //! data is escaped on its way in.
 
-mod decimate;
+pub(in crate::adapters) mod decimate;
 mod diagnosis;
 mod diagnosis_tables;
 mod document;
@@ -14,7 +14,7 @@ mod failure_figures;
 mod figure;
 mod improvement;
 mod labels;
-mod number;
+pub(in crate::adapters) mod number;
 mod overview;
 mod page;
 mod profile;

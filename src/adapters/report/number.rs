@@ -1,10 +1,10 @@
 //! Numbers as a reader wants them: significant digits, no exponent where none is needed.
 
 /// What stands where there is no number.
-pub(super) const ABSENT: &str = "–";
+pub(in crate::adapters) const ABSENT: &str = "–";
 
 /// `value` with `digits` significant digits; an exponent only below 1e-4 or from 1e6 on.
-pub(super) fn significant(value: f64, digits: usize) -> String {
+pub(in crate::adapters) fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return ABSENT.to_owned();
     }
@@ -19,7 +19,7 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
 }
 
 /// `value` as short as it can be said with five significant digits: `200`, `59.94`.
-pub(super) fn short(value: f64) -> String {
+pub(in crate::adapters) fn short(value: f64) -> String {
     let text = significant(value, 5);
     if text.contains('.') && !text.contains('e') {
         return text.trim_end_matches('0').trim_end_matches('.').to_owned();
@@ -28,7 +28,7 @@ pub(super) fn short(value: f64) -> String {
 }
 
 /// `value` with a fixed number of decimals and a true minus sign; never "-0".
-pub(super) fn fixed(value: f64, decimals: usize) -> String {
+pub(in crate::adapters) fn fixed(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return ABSENT.to_owned();
     }
@@ -41,7 +41,7 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
 }
 
 /// Decimals with which ticks over `span` can be told apart, 0 to 8.
-pub(super) fn decimals_for_span(span: f64) -> usize {
+pub(in crate::adapters) fn decimals_for_span(span: f64) -> usize {
     if span.is_finite() && span > 0.0 {
         decimals_for(span.log10().floor(), 2).min(8)
     } else {

@@ -6,7 +6,7 @@ use super::{
     Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId, Job,
     JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewDiagnosis, NewFit, NewJob,
     NewStructure, Origin, Pruned, RollBack, Saved, StoreCounts, StoreError, StoredDiagnosis,
-    StoredFit, StoredSet, StructureRecord, WindowQuery, WindowSummary,
+    StoredFit, StoredSet, StructureRecord, WindowQuery, WindowSummary, WindowTally,
 };
 use crate::{
     disturbance::{Screening, Window},
@@ -44,6 +44,9 @@ pub trait Store: fmt::Debug + Send + Sync {
 
     /// What is known of windows without their waveforms, newest first.
     fn window_summaries(&self, query: &WindowQuery<'_>) -> Result<Vec<WindowSummary>, StoreError>;
+
+    /// How many windows each site has, by name; sites without windows are left out.
+    fn window_tallies(&self) -> Result<Vec<WindowTally>, StoreError>;
 
     /// The newest `count_max` windows of a site that screening found usable and whose waveforms
     /// are still kept, oldest first.

@@ -21,6 +21,6 @@ pub use history::{
 pub use records::{
     Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId, Job,
     JobFailure, JobId, JobKind, JobState, Keep, Lease, LeaseAnswer, NewDecision, NewFit, NewJob,
-    Pruned, Saved, StoreCounts, StoredFit, StoredSet, WindowQuery, WindowSummary,
+    Pruned, Saved, StoreCounts, StoredFit, StoredSet, WindowQuery, WindowSummary, WindowTally,
 };
 pub use sqlite::{SqliteOptions, SqliteStore};

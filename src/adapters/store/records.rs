@@ -34,6 +34,8 @@ pub enum Saved {
 pub struct WindowQuery<'a> {
     /// Only this site.
     pub site: Option<&'a str>,
+    /// Only the window of this name.
+    pub id: Option<&'a str>,
     /// Only those that screening has not judged yet: what a restarted service takes up first.
     pub unscreened: bool,
     /// Only those that have been screened and whose summary has not been put on its key yet.
@@ -42,6 +44,19 @@ pub struct WindowQuery<'a> {
     pub before_ns: Option<i64>,
     /// At most so many; 0 asks for none.
     pub count_max: usize,
+}
+
+/// How many windows a site has.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WindowTally {
+    /// Site.
+    pub site: String,
+    /// Windows.
+    pub windows: u64,
+    /// Of these, the ones that screening found usable.
+    pub usable: u64,
+    /// Onset of the newest, UTC nanoseconds.
+    pub newest_onset_ns: i64,
 }
 
 /// A window without its waveforms.

@@ -3,6 +3,7 @@
 use std::{
     collections::BTreeMap,
     fs,
+    io::Read,
     net::{SocketAddr, TcpListener},
     path::{Path, PathBuf},
     thread,
@@ -13,7 +14,7 @@ use tempfile::TempDir;
 use crate::{
     adapters::{
         bundled,
-        http::HttpOptions,
+        http::{HttpOptions, Token, TokenSource},
         store::SqliteOptions,
         wire::v1::{BatchLimits, RecordingLimits},
         zenoh::ZenohOptions,
@@ -101,6 +102,8 @@ impl Scene {
             },
             http: HttpOptions {
                 listen: Some(free(http)),
+                open_pages: http.ip().is_loopback(),
+                token: token_of_its_own(),
                 ..HttpOptions::default()
             },
             store_path: self.store.clone(),
@@ -109,6 +112,18 @@ impl Scene {
             batch_limits: BatchLimits::default(),
             recording_limits: RecordingLimits::default(),
         }
+    }
+}
+
+/// A token that nobody is told: the page on this machine needs none, and nothing else may act. Where
+/// the system gives no random bytes, the page is read-only.
+fn token_of_its_own() -> TokenSource {
+    let mut bytes = [0; 32];
+    let read = fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes));
+    let text: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    match (read, Token::new(&text)) {
+        (Ok(()), Ok(token)) => TokenSource::Given(token),
+        _ => TokenSource::default(),
     }
 }
 

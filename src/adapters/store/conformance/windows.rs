@@ -18,12 +18,14 @@ pub(super) const CHECKS: &[Check] = &[
     ("screening is kept and replaced", screening_is_replaced),
     ("usable windows come oldest first", usable_windows_in_order),
     ("lists can be paged and filtered", lists_are_paged),
+    ("windows are counted by site", windows_are_counted),
     ("a summary is announced once", announced_once),
     ("odd names are kept as they are", odd_names),
 ];
 
 const ALL: WindowQuery<'_> = WindowQuery {
     site: None,
+    id: None,
     unscreened: false,
     unannounced: false,
     before_ns: None,
@@ -138,6 +140,22 @@ fn lists_are_paged(store: &dyn Store) {
         ..ALL
     };
     assert!(ids(store, &elsewhere).is_empty());
+}
+
+fn windows_are_counted(store: &dyn Store) {
+    assert!(store.window_tallies().unwrap().is_empty());
+    save_usable(store, 1);
+    store.save_window(&window_at(4), 5).unwrap();
+    let tallies = store.window_tallies().unwrap();
+    assert_eq!(tallies.len(), 1);
+    assert_eq!((tallies[0].windows, tallies[0].usable), (2, 1));
+    assert_eq!(tallies[0].newest_onset_ns, window_at(4).onset_ns());
+    let one = window_id(1);
+    let named = WindowQuery {
+        id: Some(&one),
+        ..ALL
+    };
+    assert_eq!(ids(store, &named), [window_id(1)]);
 }
 
 fn announced_once(store: &dyn Store) {

@@ -7,7 +7,7 @@ use crate::{
         Job, JobFailure, JobKind, Keep, Lease, LeaseAnswer, NewDecision, NewDiagnosis, NewFit,
         NewJob, NewStructure, Operation, Origin, Pruned, RollBack, Saved, Store, StoreCounts,
         StoreError, StoredDiagnosis, StoredFit, StoredSet, StructureRecord, WindowQuery,
-        WindowSummary,
+        WindowSummary, WindowTally,
     },
     disturbance::{Screening, Window},
     measurement::Site,
@@ -36,6 +36,10 @@ impl Store for SqliteStore {
 
     fn window_summaries(&self, query: &WindowQuery<'_>) -> Result<Vec<WindowSummary>, StoreError> {
         self.read(Operation("list windows"), |c| windows::summaries(c, query))
+    }
+
+    fn window_tallies(&self) -> Result<Vec<WindowTally>, StoreError> {
+        self.read(Operation("count windows"), windows::tallies)
     }
 
     fn usable_windows(&self, site: &str, count_max: usize) -> Result<Vec<Window>, StoreError> {

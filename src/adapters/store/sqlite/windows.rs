@@ -5,7 +5,7 @@ use rusqlite::{Connection, OptionalExtension, Row, Transaction, named_params, pa
 use super::failure::{Trouble, refers_to_nothing};
 use crate::{
     adapters::{
-        store::{Saved, WindowQuery, WindowSummary},
+        store::{Saved, WindowQuery, WindowSummary, WindowTally},
         wire::{
             DocumentError,
             v1::{
@@ -147,6 +147,7 @@ pub(super) fn summaries(
                 EXISTS (SELECT 1 FROM waveforms f WHERE f.window_id = w.id)
          FROM windows w LEFT JOIN screenings s ON s.window_id = w.id
          WHERE (:site IS NULL OR w.site = :site)
+           AND (:id IS NULL OR w.id = :id)
            AND (:before_ns IS NULL OR w.onset_ns < :before_ns)
            AND (NOT :unscreened OR s.window_id IS NULL)
            AND (NOT :unannounced OR (s.window_id IS NOT NULL AND w.announced_ns IS NULL))
@@ -155,6 +156,7 @@ pub(super) fn summaries(
     let rows = statement.query_map(
         named_params! {
             ":site": query.site,
+            ":id": query.id,
             ":before_ns": query.before_ns,
             ":unscreened": query.unscreened,
             ":unannounced": query.unannounced,
@@ -167,6 +169,23 @@ pub(super) fn summaries(
             .and_then(StoredSummary::understand)
     })
     .collect()
+}
+
+pub(super) fn tallies(connection: &Connection) -> Result<Vec<WindowTally>, Trouble> {
+    let mut statement = connection.prepare_cached(
+        "SELECT w.site, COUNT(*), COALESCE(SUM(s.usable), 0), MAX(w.onset_ns)
+         FROM windows w LEFT JOIN screenings s ON s.window_id = w.id
+         GROUP BY w.site ORDER BY w.site",
+    )?;
+    let rows = statement.query_map([], |row| {
+        Ok(WindowTally {
+            site: row.get(0)?,
+            windows: row.get::<_, i64>(1)?.unsigned_abs(),
+            usable: row.get::<_, i64>(2)?.unsigned_abs(),
+            newest_onset_ns: row.get(3)?,
+        })
+    })?;
+    Ok(rows.collect::<Result<_, _>>()?)
 }
 
 pub(super) fn save_screening(

@@ -1,0 +1,124 @@
+//! Where pages get their contents: the store, and comparisons that were made before.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use tokio::sync::Semaphore;
+
+use super::problem::Problem;
+use crate::{
+    adapters::{http::Context, store::Store},
+    diagnosis::{EventFailure, where_it_fails::failure},
+    disturbance::Window,
+    identification::{
+        self, Comparison, IdentificationOptions, ParameterSet, evaluate::Curves, intake::prepare,
+    },
+    measurement::Site,
+};
+
+/// Pages made at one time. Each holds a thread; the others wait, within the request's time limit.
+const SEATS: usize = 4;
+/// Readers of live updates at one time.
+const LISTENERS_MAX: usize = 32;
+/// Comparisons kept, newest use first: a few sites under study, some megabytes.
+const COMPARISONS_MAX: usize = 64;
+
+/// What pages are made from.
+#[derive(Debug)]
+pub(super) struct Desk {
+    pub(super) context: Arc<Context>,
+    pub(super) seats: Semaphore,
+    pub(super) listeners: Arc<Semaphore>,
+    comparisons: Mutex<Vec<(Key, Arc<Judged>)>>,
+}
+
+/// An event with a model beside it, and where the model fails.
+#[derive(Debug)]
+pub(super) struct Judged {
+    pub(super) comparison: Comparison,
+    /// None where the event cannot be judged.
+    pub(super) failure: Option<EventFailure>,
+}
+
+/// Event and content hash of the set.
+type Key = (String, String);
+
+impl Desk {
+    pub(super) fn new(context: Arc<Context>) -> Self {
+        Self {
+            context,
+            seats: Semaphore::new(SEATS),
+            listeners: Arc::new(Semaphore::new(LISTENERS_MAX)),
+            comparisons: Mutex::new(Vec::new()),
+        }
+    }
+
+    pub(super) fn store(&self) -> &dyn Store {
+        self.context.store.as_ref()
+    }
+
+    /// A site by its name.
+    pub(super) fn site(&self, name: &str) -> Result<Site, Problem> {
+        let sites = self.store().sites()?;
+        sites
+            .into_iter()
+            .find(|site| site.name == name)
+            .ok_or_else(|| Problem::not_found(format!("there is no site `{name}`")))
+    }
+
+    /// The set on the window; computed once for the same event and the same content.
+    pub(super) fn comparison(
+        &self,
+        set: &ParameterSet,
+        content_hash: &str,
+        window: &Window,
+    ) -> Result<Arc<Judged>, Problem> {
+        let key = (window.id.clone(), content_hash.to_owned());
+        if let Some(known) = self.known_comparison(&key) {
+            return Ok(known);
+        }
+        let options = IdentificationOptions::default();
+        let made = identification::compare(set, std::slice::from_ref(window), &options);
+        let comparison = made
+            .map_err(|error| Problem::bad_request(error.to_string()))?
+            .pop()
+            .ok_or_else(|| Problem::bad_request("the model cannot be simulated on this event"))?;
+        let failure = failure_of(&comparison, window, &options);
+        let judged = Arc::new(Judged {
+            comparison,
+            failure,
+        });
+        let mut kept = self
+            .comparisons
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        kept.insert(0, (key, Arc::clone(&judged)));
+        kept.truncate(COMPARISONS_MAX);
+        Ok(judged)
+    }
+
+    fn known_comparison(&self, key: &Key) -> Option<Arc<Judged>> {
+        let mut kept = self
+            .comparisons
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let place = kept.iter().position(|(known, _)| known == key)?;
+        let found = kept.remove(place);
+        let judged = Arc::clone(&found.1);
+        kept.insert(0, found);
+        Some(judged)
+    }
+}
+
+fn failure_of(
+    comparison: &Comparison,
+    window: &Window,
+    options: &IdentificationOptions,
+) -> Option<EventFailure> {
+    let event = prepare(window, &options.intake).ok()?;
+    let over_p0 = |curve: &[f64]| curve.iter().map(|pu| pu / event.p0_pu).collect();
+    let curves = Curves {
+        active: over_p0(&comparison.active_model_pu),
+        reactive: over_p0(&comparison.reactive_model_pu),
+    };
+    Some(failure(&event, &curves))
+}

@@ -1,0 +1,288 @@
+//! A diagnosis for reading.
+
+use maud::{Markup, html};
+
+use super::{
+    super::{layout::segment, plot, words},
+    diagnosis::DiagnosisPage,
+    diagnosis_charts as charts,
+};
+use crate::adapters::{
+    report::number,
+    wire::v1::{CandidateV1, DiagnosisV1, UnexplainedV1, UntestableV1},
+};
+
+/// The page's content.
+pub(super) fn body(page: &DiagnosisPage, source: &str) -> Markup {
+    let Some(stored) = &page.stored else {
+        return html! {
+            h1 { "Diagnosis" }
+            p.lead {
+                "No diagnosis has been made yet. One is made by itself once a site has enough usable events and "
+                "a joint fit, and again when new events have come."
+            }
+        };
+    };
+    html! {
+        h1 { "What is the model missing? " (status_chip(&stored.status)) }
+        p.verdict-sentence { (stored.summary) }
+        p.facts {
+            "Diagnosis " (stored.version) " of " (words::utc(stored.stored_ns)) " UTC of the structure "
+            (words::structure(&stored.structure)) "."
+        }
+        @if let Some(diagnosis) = &page.diagnosis { (details(page, diagnosis, source)) } @else {
+            p.problem { "The details of this diagnosis are no longer kept." }
+        }
+        (history(page))
+    }
+}
+
+/// A status as a chip.
+pub(super) fn status_chip(status: &str) -> Markup {
+    let (class, words) = match status {
+        "adequate" => ("good", "nothing is missing"),
+        "missing_effect" => ("bad", "an effect is missing"),
+        "instrument_suspect" => ("bad", "suspect the instrument"),
+        "unknown_effect" => ("bad", "something unknown is missing"),
+        _ => ("open", "cannot be judged"),
+    };
+    html! { span class={ "chip " (class) } { (words) } }
+}
+
+fn details(page: &DiagnosisPage, diagnosis: &DiagnosisV1, source: &str) -> Markup {
+    html! {
+        (offer(page, diagnosis))
+        @if !diagnosis.reasons.is_empty() {
+            h2 { "Why" }
+            ul.reasons { @for reason in &diagnosis.reasons { li { (reason) } } }
+        }
+        @if !diagnosis.candidates.is_empty() {
+            h2 { "Effects that were tried, best first" }
+            (plot::figure(&charts::candidates(diagnosis), Some(source)))
+            (candidates(diagnosis))
+        }
+        (separation(diagnosis))
+        div.charts {
+            (plot::figure(&charts::segments(diagnosis), Some(source)))
+            (plot::figure(&charts::ladder(diagnosis), Some(source)))
+        }
+        (events(page, diagnosis))
+        @if let Some(unexplained) = &diagnosis.unexplained { (unknown(unexplained)) }
+        @if !diagnosis.untestable.is_empty() { (untestable(&diagnosis.untestable)) }
+    }
+}
+
+/// The way on: one click adds the effect.
+fn offer(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
+    let present = |effect: &String| {
+        page.wanted
+            .as_ref()
+            .is_some_and(|record| record.structure.contains(effect))
+    };
+    let open: Vec<&String> = diagnosis
+        .answer_set
+        .iter()
+        .filter(|effect| !present(effect))
+        .collect();
+    html! {
+        @if !open.is_empty() {
+            div.actions {
+                @for (place, effect) in open.iter().enumerate() { (adding(page, effect, place == 0)) }
+            }
+        }
+    }
+}
+
+/// A form that adds an effect; a way to it for those who may not act yet.
+fn adding(page: &DiagnosisPage, effect: &str, first: bool) -> Markup {
+    let address = page.head.address("structure");
+    let (before, after) = if first {
+        ("Add ", " to the model")
+    } else {
+        ("or add ", "")
+    };
+    html! {
+        @if page.access.may_write {
+            form method="post" action=(address) {
+                input type="hidden" name="csrf" value=(page.access.csrf);
+                input type="hidden" name="add" value=(effect);
+                button.main[first] type="submit" { (before) (words::effect(effect)) (after) }
+            }
+        } @else {
+            a.button[first] href={ (address) "?add=" (segment(effect)) } { (before) (words::effect(effect)) (after) }
+        }
+    }
+}
+
+fn candidates(diagnosis: &DiagnosisV1) -> Markup {
+    let percent = |share: f64| {
+        if share.is_finite() {
+            format!("{} %", number::fixed(100.0 * share, 0))
+        } else {
+            String::new()
+        }
+    };
+    let optional = |value: Option<f64>, digits| {
+        value.map_or_else(
+            || "not refitted".to_owned(),
+            |v| number::significant(v, digits),
+        )
+    };
+    html! {
+        div.scroll tabindex="0" role="region" aria-label="Effects tried" {
+            table.list {
+                thead { tr {
+                    th scope="col" { "Effect" } th scope="col" { "Verdict" }
+                    th.num scope="col" { "Explains of the residual" } th.num scope="col" { "Visible in these events" }
+                    th.num scope="col" { "Change of BIC" } th.num scope="col" { "Held-out error before, × noise" }
+                    th.num scope="col" { "after" } th.num scope="col" { "Share of best gain" } th scope="col" { "Parameters" }
+                } }
+                tbody { @for candidate in &diagnosis.candidates { tr {
+                    th scope="row" { (words::effect(&candidate.effect))
+                        @if candidate.kind == "instrument" { " " span.chip.open { "instrument" } } }
+                    td { (standing(diagnosis, candidate)) }
+                    td.num { (percent(candidate.score_share)) } td.num { (percent(candidate.visibility)) }
+                    td.num { (optional(candidate.delta_bic, 3)) }
+                    td.num { (candidate.held_out_error_before.map_or_else(String::new, |v| number::significant(v, 3))) }
+                    td.num { (candidate.held_out_error_after.map_or_else(String::new, |v| number::significant(v, 3))) }
+                    td.num { (candidate.share_of_best_gain.map_or_else(String::new, percent)) }
+                    td.values { @for (name, p) in &candidate.parameters {
+                        span.value { (name.rsplit('.').next().unwrap_or(name).replace('_', " ")) " " (number::significant(p.value, 3))
+                            @if p.unit != "1" { " " (p.unit) } } " "
+                    } }
+                } } }
+            }
+        }
+    }
+}
+
+fn standing(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
+    let in_set = diagnosis.answer_set.contains(&candidate.effect);
+    html! {
+        @if candidate.declared { span.chip.bad { "missing" } }
+        @else if in_set { span.chip.open { "as good an answer" } }
+        @else if let Some(reason) = candidate.refused.first() { span.dim { (reason) } }
+        @else { span.dim { "no" } }
+    }
+}
+
+fn separation(diagnosis: &DiagnosisV1) -> Markup {
+    let groups = diagnosis
+        .candidates
+        .iter()
+        .filter(|c| c.group.len() > 1 && !c.would_separate.is_empty());
+    let groups: Vec<&CandidateV1> = groups
+        .filter(|c| diagnosis.answer_set.contains(&c.effect))
+        .take(3)
+        .collect();
+    html! {
+        @if diagnosis.answer_set.len() > 1 {
+            h2 { "What these events cannot tell apart" }
+            p { (diagnosis.answer_set.iter().map(|e| words::effect(e)).collect::<Vec<_>>().join(", ")) " describe these events equally well." }
+        }
+        @if let Some(candidate) = groups.first() {
+            p { strong { "What would separate them: " } (candidate.would_separate) }
+        }
+    }
+}
+
+fn events(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
+    let role = |event: &String| {
+        if diagnosis.events.fit.contains(event) {
+            "fitted"
+        } else if diagnosis.events.gate.contains(event) {
+            "gate"
+        } else if diagnosis.events.untouched.contains(event) {
+            "untouched"
+        } else {
+            ""
+        }
+    };
+    html! {
+        h2 { "Where it fails, event by event" }
+        div.scroll tabindex="0" role="region" aria-label="Failures by event" {
+            table.list {
+                thead { tr { th scope="col" { "Event" } th scope="col" { "Use" } th.num scope="col" { "Lowest V / V0" }
+                    th.num scope="col" { "Error / noise" } th scope="col" { "In a sentence" } } }
+                tbody { @for failure in &diagnosis.failures { tr {
+                    th scope="row" { a href=(page.head.address(&format!("events/{}", segment(&failure.event)))) { (failure.event) } }
+                    td { (role(&failure.event)) }
+                    td.num { (number::fixed(failure.lowest_voltage, 3)) }
+                    td.num { (number::significant(failure.error_to_noise, 3)) }
+                    td { (failure.sentence) }
+                } } }
+            }
+        }
+        p.note {
+            "Fitted events carried the fits, gate events decided whether an effect may be declared, and errors are "
+            "quoted from untouched events, which served neither."
+        }
+        @for refused in &diagnosis.events.refused { p.note { "Left out: " (refused.event) ": " (refused.reason) } }
+    }
+}
+
+fn unknown(unexplained: &UnexplainedV1) -> Markup {
+    html! {
+        h2 { "What no effect of the catalogue explains" }
+        p { (unexplained.signature) }
+        @if !unexplained.terms.is_empty() {
+            div.scroll tabindex="0" role="region" aria-label="Terms" {
+                table.list {
+                    thead { tr { th scope="col" { "Term" } th scope="col" { "In" } th.num scope="col" { "Coefficient, of P0" } th.num scope="col" { "Explains" } } }
+                    tbody { @for term in &unexplained.terms { tr {
+                        td { code { (term.formula) } } td { (term.channel) }
+                        td.num { (number::significant(term.coefficient, 3)) } td.num { (number::fixed(100.0 * term.share, 0)) " %" }
+                    } } }
+                }
+            }
+        }
+        @if let Some(file) = &unexplained.effect_file {
+            details {
+                summary { "A file that adds these terms to the model (--effect-file)" }
+                pre tabindex="0" { (file) }
+            }
+        }
+    }
+}
+
+fn untestable(list: &[UntestableV1]) -> Markup {
+    html! {
+        h2 { "Effects on which these events are silent" }
+        div.scroll tabindex="0" role="region" aria-label="Effects that cannot be tested" {
+            table.list {
+                thead { tr { th scope="col" { "Effect" } th scope="col" { "Would have shown from" } th scope="col" { "Matters from" } th scope="col" { "Needs" } } }
+                tbody { @for effect in list {
+                    @let unit = if effect.unit == "1" { "" } else { &effect.unit };
+                    tr {
+                        th scope="row" { (words::effect(&effect.effect)) }
+                        td { @if effect.smallest_detectable_amplitude.is_finite() {
+                            (effect.amplitude.replace('_', " ")) " " (number::significant(effect.smallest_detectable_amplitude, 2)) " " (unit)
+                        } @else { "nothing would have shown" } }
+                        td { (number::significant(effect.meaningful_amplitude, 2)) " " (unit) }
+                        td { (effect.needs) }
+                    }
+                } }
+            }
+        }
+    }
+}
+
+fn history(page: &DiagnosisPage) -> Markup {
+    html! {
+        @if page.history.len() > 1 {
+            h2 { "Diagnoses" }
+            div.scroll tabindex="0" role="region" aria-label="Diagnoses" {
+                table.list {
+                    thead { tr { th scope="col" { "No." } th scope="col" { "When, UTC" } th scope="col" { "Structure" } th scope="col" { "Answer" } th.num scope="col" { "Error / noise" } } }
+                    tbody { @for stored in &page.history { tr {
+                        th scope="row" { a href=(page.head.address(&format!("diagnoses/{}", stored.version))) { (stored.version) } }
+                        td.time { (words::utc(stored.stored_ns)) }
+                        td { (words::structure(&stored.structure)) }
+                        td { (status_chip(&stored.status)) " " (stored.answer_set.iter().map(|e| words::effect(e)).collect::<Vec<_>>().join(", ")) }
+                        td.num { (number::significant(stored.error_to_noise, 3)) }
+                    } } }
+                }
+            }
+        }
+    }
+}

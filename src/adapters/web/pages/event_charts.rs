@@ -1,0 +1,335 @@
+//! The charts of an event.
+
+use super::{
+    super::plot::{Chart, Ink, Mark, Panel, Shape, padded, span_of},
+    event_view::{Drawn, EventPage},
+    failure_charts,
+};
+use crate::{disturbance::Window, identification::Comparison, measurement::Sample};
+
+/// Half-width of the noise band in standard deviations.
+const NOISE_BAND_SIGMA: f64 = 2.0;
+/// Least height of the axes, so that noise on a constant does not fill them: pu and Hz.
+const LEAST_PU: f64 = 0.004;
+const LEAST_HZ: f64 = 0.02;
+
+/// P or Q.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Power {
+    Active,
+    Reactive,
+}
+
+impl Power {
+    pub(super) const BOTH: [Self; 2] = [Self::Active, Self::Reactive];
+
+    pub(super) const fn letter(self) -> &'static str {
+        match self {
+            Self::Active => "P",
+            Self::Reactive => "Q",
+        }
+    }
+
+    pub(super) const fn title(self) -> &'static str {
+        match self {
+            Self::Active => "Active power P, pu",
+            Self::Reactive => "Reactive power Q, pu",
+        }
+    }
+
+    pub(super) fn model(self, comparison: &Comparison) -> &[f64] {
+        match self {
+            Self::Active => &comparison.active_model_pu,
+            Self::Reactive => &comparison.reactive_model_pu,
+        }
+    }
+
+    pub(super) fn measured(self, comparison: &Comparison) -> &[f64] {
+        match self {
+            Self::Active => &comparison.active_measured_pu,
+            Self::Reactive => &comparison.reactive_measured_pu,
+        }
+    }
+
+    fn noise(self, comparison: &Comparison) -> &[f64] {
+        match self {
+            Self::Active => &comparison.active_noise_pu,
+            Self::Reactive => &comparison.reactive_noise_pu,
+        }
+    }
+
+    /// Measured minus modelled, pu; NaN where the measurement is missing.
+    pub(super) fn residual(self, comparison: &Comparison) -> Vec<f64> {
+        let pairs = self.measured(comparison).iter().zip(self.model(comparison));
+        pairs.map(|(measured, model)| measured - model).collect()
+    }
+
+    fn of(self, sample: &Sample) -> f64 {
+        match self {
+            Self::Active => sample.active_pu,
+            Self::Reactive => sample.reactive_pu,
+        }
+    }
+}
+
+/// Every chart of the page, in its order.
+pub(super) fn charts(page: &EventPage) -> Vec<Chart> {
+    let Some(window) = &page.window else {
+        return Vec::new();
+    };
+    let mut charts = vec![over_time(page, window)];
+    if let Some(model) = &page.model {
+        charts.push(against_voltage(model));
+        if let Some(failure) = &model.judged.failure {
+            let rival = page
+                .rival
+                .as_ref()
+                .and_then(|rival| rival.judged.failure.as_ref());
+            charts.push(failure_charts::segments(
+                &failure.segments,
+                rival.map(|f| &f.segments[..]),
+            ));
+            charts.extend(failure_charts::cross_correlation(
+                &failure.cross_correlations,
+            ));
+        }
+    }
+    charts
+}
+
+fn time_of(window: &Window) -> Vec<f64> {
+    let onset = window.onset as f64;
+    (0..window.record.samples.len())
+        .map(|k| (k as f64 - onset) / window.record.rate_fps)
+        .collect()
+}
+
+fn channel(window: &Window, value: impl Fn(&Sample) -> f64) -> Vec<f64> {
+    let samples = window.record.samples.iter();
+    samples
+        .map(|s| if s.usable() { value(s) } else { f64::NAN })
+        .collect()
+}
+
+fn over_time(page: &EventPage, window: &Window) -> Chart {
+    // The model's clock begins at its own onset: the edge it found, not where the trigger stood.
+    let x = page
+        .model
+        .as_ref()
+        .map_or_else(|| time_of(window), |m| m.comparison().time_s.clone());
+    let backdrop = backdrop(page.model.as_ref());
+    let input = |title: &str, y: Vec<f64>, least: f64| Panel {
+        title: title.to_owned(),
+        height: 110,
+        vertical: padded(span_of(&y), least),
+        logarithmic: false,
+        marks: [backdrop.clone(), vec![line("measured", Ink::Measured, y)]].concat(),
+    };
+    let mut panels = vec![
+        input("Voltage V, pu", channel(window, |s| s.voltage_pu), LEAST_PU),
+        input(
+            "Frequency f, Hz",
+            channel(window, |s| s.frequency_hz),
+            LEAST_HZ,
+        ),
+    ];
+    for power in Power::BOTH {
+        panels.push(power_panel(page, window, power, &backdrop));
+        if let Some(model) = &page.model {
+            panels.push(residual_panel(model, page.rival.as_ref(), power, &backdrop));
+        }
+    }
+    let horizontal = (
+        x.first().copied().unwrap_or(0.0),
+        x.last().copied().unwrap_or(1.0),
+    );
+    Chart {
+        id: "over-time".to_owned(),
+        title: "Measurement and model over time".to_owned(),
+        description: description(page),
+        horizontal_title: "time from onset, s".to_owned(),
+        horizontal,
+        names: Vec::new(),
+        x,
+        linked: Some("time"),
+        panels,
+    }
+}
+
+fn description(page: &EventPage) -> String {
+    let lowest = page.summary.lowest_voltage_pu;
+    let base = format!(
+        "Voltage, frequency, active and reactive power over time. Lowest voltage {lowest:.3} per unit."
+    );
+    page.model.as_ref().map_or(base.clone(), |model| {
+        let errors = &model.comparison().errors;
+        format!(
+            "{base} With the model {} and what is left between them; error of P {:.2} percent, of Q {:.2} percent, {:.1} times the noise.",
+            model.model.label, errors.eps_p_percent, errors.eps_q_percent, errors.error_to_noise,
+        )
+    })
+}
+
+fn line(name: &str, ink: Ink, y: Vec<f64>) -> Mark {
+    Mark::Line {
+        name: name.to_owned(),
+        ink,
+        x: None,
+        y,
+        dashed: false,
+    }
+}
+
+fn dashed(name: &str, ink: Ink, y: Vec<f64>) -> Mark {
+    Mark::Line {
+        name: name.to_owned(),
+        ink,
+        x: None,
+        y,
+        dashed: true,
+    }
+}
+
+/// The onset, and strips where samples lie near a voltage edge.
+fn backdrop(model: Option<&Drawn>) -> Vec<Mark> {
+    let mut marks = vec![Mark::Upright { at: 0.0 }];
+    let Some(comparison) = model.map(Drawn::comparison) else {
+        return marks;
+    };
+    let time = &comparison.time_s;
+    let mut index = 0;
+    while index < time.len() {
+        let run = comparison.near_edge[index..]
+            .iter()
+            .take_while(|near| **near)
+            .count();
+        if run > 0 {
+            let (from, to) = (time[index], time[index + run - 1]);
+            marks.push(Mark::Strip {
+                from,
+                to,
+                ink: Ink::Edge,
+            });
+        }
+        index += run.max(1);
+    }
+    marks
+}
+
+fn power_panel(page: &EventPage, window: &Window, power: Power, backdrop: &[Mark]) -> Panel {
+    let measured = channel(window, |s| power.of(s));
+    let mut span = vec![measured.clone()];
+    let mut marks = backdrop.to_vec();
+    marks.push(line("measured", Ink::Measured, measured));
+    if let Some(rival) = &page.rival {
+        let y = power.model(rival.comparison()).to_vec();
+        span.push(y.clone());
+        marks.push(dashed(&rival.model.label, Ink::Rival, y));
+    }
+    if let Some(model) = &page.model {
+        let y = power.model(model.comparison()).to_vec();
+        span.push(y.clone());
+        marks.push(line(&model.model.label, Ink::Model, y));
+    }
+    Panel {
+        title: power.title().to_owned(),
+        height: 200,
+        vertical: padded(span_of(span.iter().flatten()), LEAST_PU),
+        logarithmic: false,
+        marks,
+    }
+}
+
+fn residual_panel(model: &Drawn, rival: Option<&Drawn>, power: Power, backdrop: &[Mark]) -> Panel {
+    let comparison = model.comparison();
+    let half: Vec<f64> = power
+        .noise(comparison)
+        .iter()
+        .map(|noise| NOISE_BAND_SIGMA * noise)
+        .collect();
+    let residual = power.residual(comparison);
+    let mut span = residual.clone();
+    span.extend(half.iter().flat_map(|&half| [half, -half]));
+    let mut marks = backdrop.to_vec();
+    marks.push(Mark::Band {
+        name: "noise, two standard deviations".to_owned(),
+        ink: Ink::Noise,
+        x: None,
+        low: half.iter().map(|half| -half).collect(),
+        high: half,
+    });
+    if let Some(rival) = rival {
+        let y = power.residual(rival.comparison());
+        span.extend(&y);
+        marks.push(dashed(&rival.model.label, Ink::Rival, y));
+    }
+    marks.push(line(&model.model.label, Ink::Model, residual));
+    Panel {
+        title: format!("{} measured minus model, pu", power.letter()),
+        height: 100,
+        vertical: padded(span_of(&span), LEAST_PU),
+        logarithmic: false,
+        marks,
+    }
+}
+
+/// Residuals against voltage: dark early, bright late.
+fn against_voltage(model: &Drawn) -> Chart {
+    let comparison = model.comparison();
+    let kept: Vec<usize> = (0..comparison.time_s.len())
+        .filter(|&k| comparison.time_s[k] >= 0.0 && comparison.used[k] && !comparison.near_edge[k])
+        .collect();
+    let last = comparison
+        .time_s
+        .last()
+        .copied()
+        .unwrap_or(1.0)
+        .max(f64::MIN_POSITIVE);
+    let pick = |values: &[f64]| kept.iter().map(|&k| values[k]).collect::<Vec<f64>>();
+    let x = pick(&comparison.voltage_pu);
+    // The first second holds most of what happens: the root spreads it over half of the colours.
+    let shade: Vec<f64> = kept
+        .iter()
+        .map(|&k| (comparison.time_s[k] / last).sqrt())
+        .collect();
+    let panels = Power::BOTH.map(|power| {
+        let y = pick(&power.residual(comparison));
+        Panel {
+            title: format!(
+                "{} measured minus model, pu (dark at the onset, bright at the end)",
+                power.letter()
+            ),
+            height: 170,
+            vertical: padded(span_of(&y), LEAST_PU),
+            logarithmic: false,
+            marks: vec![
+                Mark::Level {
+                    name: String::new(),
+                    ink: Ink::Unused,
+                    at: 0.0,
+                },
+                Mark::Points {
+                    name: String::new(),
+                    ink: Ink::Model,
+                    shape: Shape::Dot,
+                    x: None,
+                    y,
+                    shade: Some(shade.clone()),
+                },
+            ],
+        }
+    });
+    Chart {
+        id: "against-voltage".to_owned(),
+        title: "What is left, against voltage".to_owned(),
+        description: "Residual of P and of Q from the onset on against voltage, away from voltage \
+                      edges; the colour goes from dark at the onset to bright at the end."
+            .to_owned(),
+        horizontal_title: "voltage, pu".to_owned(),
+        horizontal: padded(span_of(&x), LEAST_PU),
+        names: Vec::new(),
+        x,
+        linked: None,
+        panels: panels.into(),
+    }
+}

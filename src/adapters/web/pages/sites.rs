@@ -1,0 +1,265 @@
+//! All sites: where to look first.
+
+use std::sync::Arc;
+
+use axum::{extract::State, http::Uri, response::Response};
+use maud::{Markup, html};
+use serde_json::{Value, json};
+
+use super::{
+    super::{
+        desk::Desk,
+        layout::{SiteHead, Tab, site_address, verdict},
+        problem::Problem,
+        view::{self, Page, Table, cell},
+        words,
+    },
+    diagnosis_view::status_chip,
+};
+use crate::{
+    adapters::{
+        http::SiteDocument,
+        report::number,
+        store::{JobKind, StoredSet, WindowTally},
+        wire::v1::{rfc3339, verdict_status_name},
+    },
+    identification::ParameterSet,
+    measurement::Site,
+};
+
+pub(in super::super) async fn show(State(desk): State<Arc<Desk>>, uri: Uri) -> Response {
+    view::show(desk, uri, Sites::load).await
+}
+
+struct Row {
+    site: Site,
+    tally: Option<WindowTally>,
+    in_force: Option<(StoredSet, ParameterSet)>,
+    /// The newest joint fit, where nothing is in force.
+    fit: Option<ParameterSet>,
+    /// Status and answer set of the newest diagnosis.
+    diagnosis: Option<(String, Vec<String>)>,
+}
+
+struct Sites {
+    rows: Vec<Row>,
+}
+
+impl Sites {
+    fn load(desk: &Desk) -> Result<Self, Problem> {
+        let store = desk.store();
+        let mut tallies = store.window_tallies()?;
+        let mut rows = Vec::new();
+        for site in store.sites()? {
+            let place = tallies.iter().position(|tally| tally.site == site.name);
+            let in_force = match store.set_in_force(&site.name)? {
+                Some(stored) => stored.set().ok().map(|set| (stored, set)),
+                None => None,
+            };
+            let fit = if in_force.is_none() {
+                let newest = store.fits(&site.name, JobKind::IdentifySite, 1)?.pop();
+                newest.and_then(|fit| fit.set().ok().flatten())
+            } else {
+                None
+            };
+            let diagnosis = store.newest_diagnosis(&site.name)?;
+            rows.push(Row {
+                tally: place.map(|k| tallies.swap_remove(k)),
+                in_force,
+                fit,
+                diagnosis: diagnosis.map(|d| (d.status, d.answer_set)),
+                site,
+            });
+        }
+        Ok(Self { rows })
+    }
+}
+
+impl Row {
+    /// The set in force, else that of the newest fit.
+    fn set(&self) -> Option<&ParameterSet> {
+        let in_force = self.in_force.as_ref().map(|(_, set)| set);
+        in_force.or(self.fit.as_ref())
+    }
+
+    /// The errors to quote and whether they are of held-out events.
+    fn quoted(&self) -> Option<(&crate::identification::ErrorSummary, bool)> {
+        let set = self.set()?;
+        Some(
+            set.held_out
+                .as_ref()
+                .map_or((&set.fit, false), |held_out| (held_out, true)),
+        )
+    }
+}
+
+impl Page for Sites {
+    fn title(&self) -> String {
+        "Sites".to_owned()
+    }
+
+    fn place(&self) -> Option<(&SiteHead, Tab)> {
+        None
+    }
+
+    fn body(&self, _source: &str) -> Markup {
+        html! {
+            h1 { "Sites" }
+            @if self.rows.is_empty() {
+                p { "No site has sent anything yet. A site appears with its first disturbance." }
+            } @else {
+                p.lead {
+                    "Each site is a load seen by a PMU or a disturbance recorder. Open one to see its "
+                    "disturbances, how well its model follows them, and what the model is missing."
+                }
+                div.scroll tabindex="0" role="region" aria-label="Sites" {
+                    table.list data-live-table {
+                        thead { tr {
+                            th scope="col" { "Site" }
+                            th scope="col" { "Events" }
+                            th scope="col" { "Newest, UTC" }
+                            th scope="col" { "In force" }
+                            th scope="col" { "Model" }
+                            th scope="col" { "Missing" }
+                            th.num scope="col" { "Error of P, %" }
+                            th.num scope="col" { "Error of Q, %" }
+                            th.num scope="col" { "Error / noise" }
+                        } }
+                        tbody { @for row in &self.rows { (line(row)) } }
+                    }
+                }
+                p.note {
+                    "Errors are those on events the model has not seen, of the set in force or else of the newest fit. Error over noise is 1 where a model "
+                    "follows the measurement as closely as the noise allows."
+                }
+            }
+        }
+    }
+
+    fn json(&self) -> Result<Value, Problem> {
+        Ok(json!({ "sites": self.rows.iter().map(document).collect::<Vec<_>>() }))
+    }
+
+    fn table(&self) -> Table {
+        let mut table = Table::new(&[
+            "site",
+            "s_base_mva",
+            "v_base_kv",
+            "nominal_hz",
+            "events",
+            "usable_events",
+            "newest_onset_utc",
+            "version_in_force",
+            "verdict",
+            "structure",
+            "eps_p_percent",
+            "eps_q_percent",
+            "error_to_noise",
+            "errors_on",
+            "diagnosis",
+        ]);
+        table.rows = self.rows.iter().map(cells).collect();
+        table
+    }
+}
+
+fn line(row: &Row) -> Markup {
+    let name = &row.site.name;
+    html! {
+        tr {
+            th scope="row" { a href=(site_address(name, "events")) { (name) } }
+            @if let Some(tally) = &row.tally {
+                td { (tally.windows) span.dim { ", " (tally.usable) " usable" } }
+                td.time { (words::utc(tally.newest_onset_ns)) }
+            } @else {
+                td { "none yet" } td {}
+            }
+            @if let Some((stored, set)) = &row.in_force {
+                td {
+                    a href=(site_address(name, &format!("sets/{}", stored.version))) { "version " (stored.version) }
+                    " " (verdict(set.verdict.status))
+                }
+                td { (words::structure(&set.structure)) }
+            } @else if let Some(set) = &row.fit {
+                td { span.chip.open { "none yet" } }
+                td { (words::structure(&set.structure)) " " (verdict(set.verdict.status)) }
+            } @else {
+                td { span.chip.open { "none yet" } } td {}
+            }
+            td {
+                @if let Some((status, answers)) = &row.diagnosis {
+                    a href=(site_address(name, "diagnosis")) { (status_chip(status)) }
+                    @if let Some(first) = answers.first() { " " (words::effect(first)) }
+                }
+            }
+            @if let Some((errors, _)) = row.quoted() {
+                td.num { (number::significant(errors.eps_p_percent, 3)) }
+                td.num { (number::significant(errors.eps_q_percent, 3)) }
+                td.num { (number::significant(errors.error_to_noise, 3)) }
+            } @else {
+                td {} td {} td {}
+            }
+        }
+    }
+}
+
+fn document(row: &Row) -> Value {
+    let quoted = row.quoted();
+    json!({
+        "site": SiteDocument::from(&row.site),
+        "events": row.tally.as_ref().map_or(0, |tally| tally.windows),
+        "usable_events": row.tally.as_ref().map_or(0, |tally| tally.usable),
+        "newest_onset_utc": row.tally.as_ref().map(|tally| rfc3339(tally.newest_onset_ns)),
+        "version_in_force": row.in_force.as_ref().map(|(stored, _)| stored.version),
+        "verdict": row.in_force.as_ref().map(|(_, set)| verdict_status_name(set.verdict.status)),
+        "structure": row.in_force.as_ref().map(|(_, set)| &set.structure),
+        "eps_p_percent": quoted.map(|(errors, _)| errors.eps_p_percent),
+        "eps_q_percent": quoted.map(|(errors, _)| errors.eps_q_percent),
+        "diagnosis": row.diagnosis.as_ref().map(|(status, _)| status),
+        "missing": row.diagnosis.as_ref().map(|(_, answers)| answers),
+        "error_to_noise": quoted.map(|(errors, _)| errors.error_to_noise),
+        "errors_on": quoted.map(|(_, held_out)| if held_out { "held_out" } else { "fit" }),
+    })
+}
+
+fn cells(row: &Row) -> Vec<String> {
+    let quoted = row.quoted();
+    let error = |of: fn(&crate::identification::ErrorSummary) -> f64| {
+        quoted.map_or_else(String::new, |(errors, _)| cell(of(errors)))
+    };
+    let set = row.in_force.as_ref();
+    vec![
+        row.site.name.clone(),
+        cell(row.site.s_base_mva),
+        cell(row.site.v_base_kv),
+        cell(row.site.nominal_hz),
+        row.tally
+            .as_ref()
+            .map_or(0, |tally| tally.windows)
+            .to_string(),
+        row.tally
+            .as_ref()
+            .map_or(0, |tally| tally.usable)
+            .to_string(),
+        row.tally
+            .as_ref()
+            .map_or_else(String::new, |tally| rfc3339(tally.newest_onset_ns)),
+        set.map_or_else(String::new, |(stored, _)| stored.version.to_string()),
+        set.map_or_else(String::new, |(_, set)| {
+            verdict_status_name(set.verdict.status).to_owned()
+        }),
+        set.map_or_else(String::new, |(_, set)| set.structure.join("+")),
+        error(|errors| errors.eps_p_percent),
+        error(|errors| errors.eps_q_percent),
+        error(|errors| errors.error_to_noise),
+        quoted
+            .map_or(
+                "",
+                |(_, held_out)| if held_out { "held_out" } else { "fit" },
+            )
+            .to_owned(),
+        row.diagnosis
+            .as_ref()
+            .map_or_else(String::new, |(status, _)| status.clone()),
+    ]
+}

@@ -1,0 +1,291 @@
+//! The structure of a site's model: what it is, what each addition did to the error, change it.
+
+use std::sync::Arc;
+
+use axum::{
+    Form,
+    extract::{Path, Query, State},
+    http::{HeaderMap, Uri},
+    response::Response,
+};
+use maud::Markup;
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::{
+    super::{
+        acting,
+        desk::{Desk, Judged},
+        layout::{SiteHead, Tab, site_address},
+        plot::Chart,
+        problem::Problem,
+        session::Access,
+        view::{self, Page, Table, cell},
+    },
+    structure_view,
+};
+use crate::{
+    adapters::store::{JobKind, NewStructure, Origin, StoredFit, StructureChange, StructureRecord},
+    identification::{ErrorSummary, ParameterSet},
+};
+
+/// Joint fits and changes looked through at most.
+const LOOKED_AT_MAX: usize = 200;
+
+#[derive(Clone, Debug, Default, Deserialize)]
+pub(in super::super) struct Asked {
+    /// The effect that the form begins with.
+    #[serde(default)]
+    pub(in super::super) add: String,
+}
+
+/// `/sites/{site}/structure`.
+pub(in super::super) async fn show(
+    State(desk): State<Arc<Desk>>,
+    Path(site): Path<String>,
+    Query(asked): Query<Asked>,
+    access: Access,
+    uri: Uri,
+) -> Response {
+    view::show(desk, uri, move |desk| {
+        StructurePage::load(desk, &site, asked, access)
+    })
+    .await
+}
+
+/// A form of the page.
+#[derive(Debug, Deserialize)]
+pub(in super::super) struct Sent {
+    csrf: String,
+    add: Option<String>,
+    remove: Option<String>,
+    #[serde(default)]
+    comment: String,
+}
+
+/// `POST /sites/{site}/structure`: adds or removes an effect.
+pub(in super::super) async fn change(
+    State(desk): State<Arc<Desk>>,
+    Path(site): Path<String>,
+    access: Access,
+    headers: HeaderMap,
+    Form(sent): Form<Sent>,
+) -> Response {
+    if let Err(problem) = access.check(&sent.csrf, &headers) {
+        return problem.answer(view::Form::Html);
+    }
+    let change = match (sent.add, sent.remove) {
+        (Some(effect), None) => StructureChange::Add(effect),
+        (None, Some(effect)) => StructureChange::Remove(effect),
+        _ => {
+            let problem = Problem::bad_request("the form has to add or to remove one effect");
+            return problem.answer(view::Form::Html);
+        }
+    };
+    let next = site_address(&site, "structure");
+    acting::act(desk, &next, move |desk, now_ns| {
+        let new = NewStructure {
+            site: &site,
+            change: &change,
+            origin: Origin::Http,
+            actor: acting::ACTOR,
+            comment: &acting::comment(&sent.comment)?,
+        };
+        let actions = &desk.context.actions;
+        actions
+            .change_structure(desk.store(), &new, now_ns)
+            .map_err(acting::problem)?;
+        Ok(())
+    })
+    .await
+}
+
+/// One step of the staircase: the last joint fit of a run of fits with one structure.
+pub(super) struct Stair {
+    pub(super) fit: StoredFit,
+    pub(super) set: ParameterSet,
+}
+
+impl Stair {
+    pub(super) fn held_out(&self) -> Option<&ErrorSummary> {
+        self.set.held_out.as_ref()
+    }
+}
+
+/// Two steps on one event that neither was fitted on.
+pub(super) struct Overlay {
+    pub(super) before: Arc<Judged>,
+    pub(super) after: Arc<Judged>,
+}
+
+/// What the page is made of.
+pub(super) struct StructurePage {
+    pub(super) head: SiteHead,
+    pub(super) asked: Asked,
+    pub(super) access: Access,
+    /// Oldest first.
+    pub(super) stairs: Vec<Stair>,
+    /// Newest first.
+    pub(super) changes: Vec<StructureRecord>,
+    /// The structure that is to be fitted.
+    pub(super) wanted: Vec<String>,
+    /// Error over noise of a perfect model, where a diagnosis says it.
+    pub(super) floor: f64,
+    pub(super) overlay: Option<Overlay>,
+}
+
+impl StructurePage {
+    fn load(desk: &Desk, site: &str, asked: Asked, access: Access) -> Result<Self, Problem> {
+        let head = SiteHead::load(desk, site)?;
+        let store = desk.store();
+        let stairs = stairs(store.fits(site, JobKind::IdentifySite, LOOKED_AT_MAX)?)?;
+        let changes = store.structures(site, LOOKED_AT_MAX)?;
+        let newest = store.structure(site, None)?.map(|record| record.structure);
+        let fitted = stairs.last().map(|stair| stair.fit.structure.clone());
+        let plain = || vec!["zip".to_owned(), "induction_motor".to_owned()];
+        let wanted = newest.or(fitted).unwrap_or_else(plain);
+        let diagnosis = store.newest_diagnosis(site)?;
+        let floor = diagnosis
+            .and_then(|stored| stored.diagnosis().ok().flatten())
+            .map_or(1.0, |diagnosis| diagnosis.noise_floor);
+        let overlay = overlay(desk, &stairs);
+        Ok(Self {
+            head,
+            asked,
+            access,
+            stairs,
+            changes,
+            wanted,
+            floor,
+            overlay,
+        })
+    }
+
+    /// Whether a fit of the wanted structure is still to come.
+    pub(super) fn awaited(&self) -> bool {
+        self.stairs
+            .last()
+            .is_none_or(|stair| stair.fit.structure != self.wanted)
+    }
+}
+
+/// The newest fit of each run of fits with one structure.
+fn stairs(newest_first: Vec<StoredFit>) -> Result<Vec<Stair>, Problem> {
+    let mut stairs: Vec<Stair> = Vec::new();
+    for fit in newest_first {
+        if stairs
+            .last()
+            .is_some_and(|later| later.fit.structure == fit.structure)
+        {
+            continue;
+        }
+        let set = fit.set().map_err(|e| Problem::unreadable("a fit", &e))?;
+        if let Some(set) = set {
+            stairs.push(Stair { fit, set });
+        }
+    }
+    stairs.reverse();
+    Ok(stairs)
+}
+
+/// The last two steps on the event, held out from both if there is one, where the first fails most.
+fn overlay(desk: &Desk, stairs: &[Stair]) -> Option<Overlay> {
+    let [.., before, after] = stairs else {
+        return None;
+    };
+    let held_out_of_both = |event: &str| {
+        let held_out = |stair: &Stair| stair.set.held_out_events.iter().any(|e| e == event);
+        held_out(before) && held_out(after)
+    };
+    let errors = before
+        .set
+        .held_out
+        .iter()
+        .chain([&before.set.fit])
+        .flat_map(|s| &s.events);
+    let worst = errors.max_by(|a, b| {
+        let key =
+            |e: &crate::identification::EventErrors| (held_out_of_both(&e.event), e.error_to_noise);
+        let ((a_out, a_error), (b_out, b_error)) = (key(a), key(b));
+        a_out.cmp(&b_out).then(a_error.total_cmp(&b_error))
+    })?;
+    let window = desk.store().window(&worst.event).ok()??;
+    let judged = |stair: &Stair| {
+        desk.comparison(&stair.set, &stair.fit.content_hash, &window)
+            .ok()
+    };
+    Some(Overlay {
+        before: judged(before)?,
+        after: judged(after)?,
+    })
+}
+
+impl Page for StructurePage {
+    fn title(&self) -> String {
+        format!("Model structure of {}", self.head.site.name)
+    }
+
+    fn place(&self) -> Option<(&SiteHead, Tab)> {
+        Some((&self.head, Tab::Structure))
+    }
+
+    fn body(&self, source: &str) -> Markup {
+        structure_view::body(self, source)
+    }
+
+    fn charts(&self) -> Vec<Chart> {
+        structure_view::charts(self)
+    }
+
+    fn json(&self) -> Result<Value, Problem> {
+        let steps = self.stairs.iter().map(|stair| {
+            json!({
+                "fit": stair.fit.id.0,
+                "structure": stair.fit.structure,
+                "error_to_noise": stair.set.fit.error_to_noise,
+                "held_out_error_to_noise": stair.held_out().map(|e| e.error_to_noise),
+                "held_out_eps_p_percent": stair.held_out().map(|e| e.eps_p_percent),
+                "held_out_eps_q_percent": stair.held_out().map(|e| e.eps_q_percent),
+            })
+        });
+        Ok(json!({
+            "site": self.head.site.name,
+            "structure": self.wanted,
+            "fit_awaited": self.awaited(),
+            "noise_floor": self.floor,
+            "steps": steps.collect::<Vec<_>>(),
+            "changes": self.changes.iter().map(|change| json!({
+                "structure": change.structure, "origin": change.origin.name(),
+                "actor": change.actor, "comment": change.comment,
+                "changed_utc": crate::adapters::wire::v1::rfc3339(change.changed_ns),
+            })).collect::<Vec<_>>(),
+        }))
+    }
+
+    fn table(&self) -> Table {
+        let mut table = Table::new(&[
+            "fit",
+            "structure",
+            "error_to_noise",
+            "held_out_error_to_noise",
+            "held_out_eps_p_percent",
+            "held_out_eps_q_percent",
+        ]);
+        table.rows = self
+            .stairs
+            .iter()
+            .map(|stair| {
+                let held_out = |of: fn(&ErrorSummary) -> f64| stair.held_out().map_or(f64::NAN, of);
+                vec![
+                    stair.fit.id.0.to_string(),
+                    stair.fit.structure.join("+"),
+                    cell(stair.set.fit.error_to_noise),
+                    cell(held_out(|e| e.error_to_noise)),
+                    cell(held_out(|e| e.eps_p_percent)),
+                    cell(held_out(|e| e.eps_q_percent)),
+                ]
+            })
+            .collect();
+        table
+    }
+}

@@ -1,0 +1,119 @@
+//! Axes: which numbers stand beside them.
+
+/// Numbers beside an axis from `low` to `high`, about `count` of them, a step of 1, 2 or 5 times a
+/// power of ten apart, and the decimals that tell them apart. None where the axis has no length.
+pub(super) fn ticks((low, high): (f64, f64), count: u32) -> (Vec<f64>, usize) {
+    let span = high - low;
+    if !(span.is_finite() && span > 0.0 && count > 0) {
+        return (Vec::new(), 0);
+    }
+    let raw = span / f64::from(count);
+    let power = 10_f64.powf(raw.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|factor| factor * power)
+        // A hair's breadth, so that 0.2 is not missed as 0.19999.
+        .find(|step| *step >= raw * (1.0 - 1e-9))
+        .unwrap_or(10.0 * power);
+    let first = (low / step).ceil();
+    let last = (high / step + 1e-9).floor();
+    let mut values = Vec::new();
+    let mut index = first;
+    while index <= last && values.len() < 64 {
+        values.push(index * step);
+        index += 1.0;
+    }
+    (values, decimals(step))
+}
+
+/// Places on an axis of decimal logarithms: powers of ten, with 2 and 5 times them where there is room.
+pub(super) fn logarithmic_ticks((low, high): (f64, f64), count: u32) -> Vec<f64> {
+    let span = high - low;
+    if !(span.is_finite() && span > 0.0) || span > 64.0 {
+        return Vec::new();
+    }
+    let factors: &[f64] = if span * 3.0 <= f64::from(count) + 1.0 {
+        &[1.0, 2.0, 5.0]
+    } else {
+        &[1.0]
+    };
+    let mut values = Vec::new();
+    let mut power = low.floor();
+    while power <= high {
+        let places = factors.iter().map(|factor| power + factor.log10());
+        values.extend(places.filter(|place| (low..=high).contains(place)));
+        power += 1.0;
+    }
+    // Within one power there may be too few of them to read the axis by.
+    if values.len() < 2 {
+        ticks((low, high), count).0
+    } else {
+        values
+    }
+}
+
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped to 0..=9 in the same expression"
+)]
+fn decimals(step: f64) -> usize {
+    (-step.log10().floor()).clamp(0.0, 9.0) as usize
+}
+
+/// Lowest and highest finite value; none when there is none.
+pub(in super::super) fn span_of<'a>(
+    values: impl IntoIterator<Item = &'a f64>,
+) -> Option<(f64, f64)> {
+    values
+        .into_iter()
+        .filter(|value| value.is_finite())
+        .fold(None, |span, &value| {
+            let (low, high) = span.unwrap_or((value, value));
+            Some((value.min(low), value.max(high)))
+        })
+}
+
+/// The span with a margin of 6 percent to both sides, at least `least` wide; 0 to 1 for none.
+pub(in super::super) fn padded(span: Option<(f64, f64)>, least: f64) -> (f64, f64) {
+    let Some((low, high)) = span else {
+        return (0.0, 1.0);
+    };
+    let missing = (least - (high - low)).max(0.0) / 2.0;
+    let margin = 0.06 * (high - low + 2.0 * missing) + missing;
+    (low - margin, high + margin)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_numbers_inside_the_axis() {
+        let (values, decimals) = ticks((0.0, 1.0), 5);
+        assert_eq!(decimals, 1);
+        assert_eq!(values.len(), 6);
+        let (values, _) = ticks((-0.13, 7.3), 8);
+        assert!(
+            values.iter().all(|v| (-0.13..=7.3).contains(v)),
+            "{values:?}"
+        );
+        assert_eq!(ticks((1.0, 1.0), 5).0, Vec::<f64>::new());
+        assert_eq!(ticks((f64::NAN, 1.0), 5).0, Vec::<f64>::new());
+    }
+
+    #[test]
+    fn a_logarithmic_axis_shows_powers_of_ten() {
+        let wide: Vec<_> = logarithmic_ticks((-0.2, 3.1), 6);
+        assert_eq!(wide.len(), 4, "1, 10, 100, 1000: {wide:?}");
+        let close: Vec<_> = logarithmic_ticks((-0.1, 1.1), 6);
+        assert_eq!(close.len(), 4, "1, 2, 5, 10: {close:?}");
+    }
+
+    #[test]
+    fn a_constant_still_gets_an_axis() {
+        let (low, high) = padded(span_of(&[0.5, f64::NAN, 0.5]), 0.1);
+        assert!(low < 0.45 && high > 0.55);
+        assert_eq!(padded(None, 1.0), (0.0, 1.0));
+    }
+}

@@ -1,0 +1,63 @@
+// What scripts add to every page: dark or light by hand, charts that zoom, news of the site.
+import { upgrade } from "./chart.js";
+
+const root = document.documentElement;
+
+function theme() {
+  const button = document.getElementById("theme");
+  const dark = () => root.dataset.theme ? root.dataset.theme === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  button.hidden = false;
+  button.addEventListener("click", () => {
+    root.dataset.theme = dark() ? "light" : "dark";
+    try { localStorage.setItem("theme", root.dataset.theme); } catch (_) { /* not kept */ }
+    document.dispatchEvent(new Event("theme"));
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => document.dispatchEvent(new Event("theme")));
+}
+
+// The page again, without losing the reader's place: its content is replaced unless a form is being filled in.
+async function refresh() {
+  const busy = document.activeElement && document.activeElement.closest("form");
+  if (busy || document.querySelector("main input:checked, main details[open]")) return false;
+  const answer = await fetch(location.href, { headers: { accept: "text/html" } });
+  if (!answer.ok) return false;
+  const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
+  document.querySelector("main").replaceChildren(...fresh.querySelector("main").childNodes);
+  document.title = fresh.title;
+  upgrade(document);
+  return true;
+}
+
+function live() {
+  const address = document.body.dataset.live;
+  if (!address) return;
+  const sign = document.getElementById("live");
+  const source = new EventSource(address);
+  let first = true;
+  source.addEventListener("open", () => { sign.hidden = false; sign.textContent = "live"; sign.classList.remove("old"); });
+  source.addEventListener("error", () => { sign.textContent = "not connected"; sign.classList.add("old"); });
+  source.addEventListener("change", async () => {
+    if (first) { first = false; return; }
+    if (document.querySelector("main [data-keep]") || !(await refresh())) sign.textContent = "news: reload";
+  });
+  addEventListener("pagehide", () => source.close());
+}
+
+// Two ticked boxes are enough.
+function pairs() {
+  document.addEventListener("change", (event) => {
+    const box = event.target;
+    if (!(box instanceof HTMLInputElement) || box.type !== "checkbox" || box.name !== "event") return;
+    const ticked = [...box.form.querySelectorAll('input[name="event"]:checked')];
+    if (ticked.length > 2) ticked.find((other) => other !== box).checked = false;
+  });
+  document.addEventListener("change", (event) => {
+    const select = event.target;
+    if (select instanceof HTMLSelectElement && select.closest("form.filter")) select.form.requestSubmit();
+  });
+}
+
+theme();
+live();
+pairs();
+upgrade(document);

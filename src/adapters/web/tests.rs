@@ -1,0 +1,191 @@
+//! The pages by HTTP: what they say, and what they refuse.
+
+use serde_json::Value;
+
+use super::testing::{Server, TOKEN};
+
+const FORM: (&str, &str) = ("Content-Type", "application/x-www-form-urlencoded");
+
+#[tokio::test]
+async fn every_page_has_its_twins_and_names_no_other_host() {
+    let server = Server::start().await;
+    let event = format!("/sites/site-01/events/{}", server.event);
+    for path in [
+        "/sites",
+        "/sites/site-01/events",
+        &event,
+        "/sites/site-01/diagnosis",
+        "/sites/site-01/structure",
+        "/sites/site-01/solutions",
+        "/sites/site-01/sets",
+        "/health",
+    ] {
+        let page = server.get(path).await;
+        assert_eq!(page.status, 200, "{path}: {}", page.body);
+        assert!(page.body.contains("<h1>"), "{path}");
+        let body = page.body.replace("http://www.w3.org/", "");
+        assert!(
+            !body.contains("http://") && !body.contains("https://"),
+            "{path}"
+        );
+        assert!(
+            !body.contains(" style=") && !body.contains(" onclick="),
+            "{path}"
+        );
+        let policy = page.head.to_lowercase();
+        assert!(
+            policy.contains("script-src 'self'; style-src 'self';"),
+            "{policy}"
+        );
+        let json = server.get(&format!("{path}.json")).await;
+        assert_eq!(json.status, 200, "{path}.json");
+        assert!(
+            serde_json::from_str::<Value>(&json.body)
+                .unwrap()
+                .is_object(),
+            "{path}"
+        );
+        let csv = server.get(&format!("{path}.csv")).await;
+        assert!(csv.head.contains("text/csv"), "{path}: {}", csv.head);
+        let charts = server.get(&format!("{path}.charts.json")).await;
+        assert!(
+            charts.body.starts_with("{\"charts\":["),
+            "{path}: {}",
+            charts.body
+        );
+    }
+}
+
+#[tokio::test]
+async fn an_event_without_a_model_shows_its_measurement() {
+    let server = Server::start().await;
+    let path = format!("/sites/site-01/events/{}", server.event);
+    let page = server.get(&path).await.body;
+    assert!(
+        page.contains("<svg") && page.contains("Voltage V, pu"),
+        "{page}"
+    );
+    let csv = server.get(&format!("{path}.csv")).await.body;
+    assert!(csv.starts_with("time_s,v_pu,freq_hz,p_pu,q_pu\n"), "{csv}");
+    assert!(csv.lines().count() > 10);
+}
+
+#[tokio::test]
+async fn what_does_not_exist_is_refused_with_its_name() {
+    let server = Server::start().await;
+    for (path, status, word) in [
+        ("/nothing", 404, "/nothing"),
+        ("/sites/nowhere/events", 404, "nowhere"),
+        (
+            "/sites/site-01/events/%22%3E%3Cscript%3E",
+            404,
+            "&lt;script&gt;",
+        ),
+        ("/sites/site-01/sets/abc", 400, "abc"),
+        ("/sites/site-01/sets/7", 404, "7"),
+        ("/sites/site-01/sets/99999999999999999999999", 400, "999"),
+        ("/sites/site-01/diagnoses/x", 400, "x"),
+        ("/sites/site-01/events?sort=sideways", 400, "sideways"),
+        ("/sites/site-01/events?page=0", 400, "0"),
+        ("/sites/site-01/compare?event=one", 400, "two events"),
+        ("/sites/site-01/solutions?fit=set-1", 400, "set-1"),
+        ("/sites/site-01/sets?from=fit-1&to=fit-2", 404, "fit-1"),
+    ] {
+        let answer = server.get(path).await;
+        assert_eq!(answer.status, status, "{path}: {}", answer.body);
+        assert!(answer.body.contains(word), "{path}: {}", answer.body);
+        assert!(!answer.body.contains("\"><script>"), "{path}");
+    }
+    let json = server.get("/sites/nowhere/events.json").await;
+    assert!(json.body.starts_with("{\"error\":"), "{}", json.body);
+}
+
+#[tokio::test]
+async fn a_form_needs_the_token_the_origin_and_its_word() {
+    let server = Server::start().await;
+    let (origin, path) = (server.origin(), "/sites/site-01/structure");
+    let own = ("Origin", origin.as_str());
+    let body = "csrf=x&add=second_motor";
+    let locked = server.ask("POST", path, &[FORM, own], body).await;
+    assert_eq!(locked.status, 403, "{}", locked.body);
+    let wrong = server
+        .ask("POST", "/session", &[FORM, own], "token=wrong")
+        .await;
+    assert_eq!(wrong.status, 403);
+    let token = format!("token={TOKEN}&next=%2Fsites%2Fsite-01%2Fstructure");
+    let elsewhere = [FORM, ("Origin", "http://evil.example")];
+    assert_eq!(
+        server
+            .ask("POST", "/session", &elsewhere, &token)
+            .await
+            .status,
+        403
+    );
+    let opened = server.ask("POST", "/session", &[FORM, own], &token).await;
+    assert_eq!(opened.status, 303, "{}", opened.body);
+    let head = opened.head.to_lowercase();
+    assert!(head.contains("httponly; samesite=strict"), "{head}");
+    assert!(
+        head.contains("location: /sites/site-01/structure"),
+        "{head}"
+    );
+    let cookie = head
+        .split("set-cookie: ")
+        .nth(1)
+        .unwrap()
+        .split(';')
+        .next()
+        .unwrap();
+    let cookie = ("Cookie", cookie);
+    let page = server.ask("GET", path, &[cookie], "").await.body;
+    let csrf = page.split("name=\"csrf\" value=\"").nth(1).unwrap();
+    let body = format!("csrf={}&add=second_motor", csrf.split('"').next().unwrap());
+    assert_eq!(
+        server
+            .ask(
+                "POST",
+                path,
+                &[FORM, own, cookie],
+                "csrf=x&add=second_motor"
+            )
+            .await
+            .status,
+        403
+    );
+    let foreign = [FORM, ("Origin", "http://evil.example"), cookie];
+    assert_eq!(server.ask("POST", path, &foreign, &body).await.status, 403);
+    let done = server.ask("POST", path, &[FORM, own, cookie], &body).await;
+    assert_eq!(done.status, 303, "{}", done.body);
+    let after = server.ask("GET", path, &[cookie], "").await.body;
+    assert!(
+        after.contains("ZIP + induction motor + second motor"),
+        "{after}"
+    );
+    let unknown = body.replace("second_motor", "perpetual_motion");
+    assert_eq!(
+        server
+            .ask("POST", path, &[FORM, own, cookie], &unknown)
+            .await
+            .status,
+        422
+    );
+}
+
+#[tokio::test]
+async fn a_huge_form_is_refused() {
+    let server = Server::start().await;
+    let body = format!("token={}", "x".repeat(100_000));
+    let origin = server.origin();
+    let headers = [FORM, ("Origin", origin.as_str())];
+    let answer = server.ask("POST", "/session", &headers, &body).await;
+    assert_eq!(answer.status, 413, "{}", answer.body);
+}
+
+#[tokio::test]
+async fn updates_tell_what_is_newest() {
+    let server = Server::start().await;
+    let answer = server.get("/sites/site-01/updates").await;
+    assert_eq!(answer.status, 200);
+    assert!(answer.head.contains("text/event-stream"), "{}", answer.head);
+    assert_eq!(server.get("/sites/nowhere/updates").await.status, 404);
+}

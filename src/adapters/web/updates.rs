@@ -1,0 +1,95 @@
+//! Live updates: a page learns that something about its site has changed, and says so.
+
+use std::{sync::Arc, time::Duration};
+
+use axum::{
+    body::Body,
+    extract::{Path, State},
+    http::header,
+    response::{IntoResponse, Response},
+};
+use serde_json::json;
+use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
+use tokio_util::io::ReaderStream;
+
+use super::{desk::Desk, problem::Problem, view::Form};
+use crate::adapters::store::{JobKind, WindowQuery};
+
+/// Time between two looks at the store.
+const LOOK_PERIOD: Duration = Duration::from_secs(1);
+/// Looks without news after which a line keeps the connection open.
+const QUIET_LOOKS_MAX: u32 = 15;
+/// Bytes that wait for a slow reader; beyond them the sender waits, and nothing else does.
+const BUFFER_BYTES: usize = 4096;
+
+/// `/sites/{site}/updates`: server-sent events. Each `change` carries what is newest, as JSON.
+pub(super) async fn stream(State(desk): State<Arc<Desk>>, Path(site): Path<String>) -> Response {
+    let Ok(permit) = Arc::clone(&desk.listeners).try_acquire_owned() else {
+        return Problem::unavailable("too many readers of live updates").answer(Form::Json);
+    };
+    if let Err(problem) = look(&desk, &site).await {
+        return problem.answer(Form::Json);
+    }
+    let (writer, reader) = duplex(BUFFER_BYTES);
+    tokio::spawn(async move {
+        tell(&desk, &site, writer).await;
+        drop(permit);
+    });
+    let headers = [
+        (header::CONTENT_TYPE, "text/event-stream"),
+        (header::CACHE_CONTROL, "no-store"),
+    ];
+    (headers, Body::from_stream(ReaderStream::new(reader))).into_response()
+}
+
+/// Ends when the reader has gone: then writing fails.
+async fn tell(desk: &Arc<Desk>, site: &str, mut writer: DuplexStream) {
+    let (mut told, mut quiet) = (String::new(), 0);
+    while !desk.context.health.report().stopping {
+        let news = look(desk, site).await.unwrap_or_default();
+        let words = if news != told && !news.is_empty() {
+            quiet = 0;
+            told.clone_from(&news);
+            format!("event: change\ndata: {news}\n\n")
+        } else if quiet >= QUIET_LOOKS_MAX {
+            quiet = 0;
+            ": nothing new\n\n".to_owned()
+        } else {
+            quiet += 1;
+            String::new()
+        };
+        if writer.write_all(words.as_bytes()).await.is_err() {
+            return;
+        }
+        tokio::time::sleep(LOOK_PERIOD).await;
+    }
+}
+
+/// What is newest of a site, as one line of JSON.
+async fn look(desk: &Arc<Desk>, site: &str) -> Result<String, Problem> {
+    let (desk, name) = (Arc::clone(desk), site.to_owned());
+    let looked = tokio::task::spawn_blocking(move || {
+        let site = desk.site(&name)?;
+        let store = desk.store();
+        let newest = store.window_summaries(&WindowQuery {
+            site: Some(&site.name),
+            count_max: 1,
+            ..WindowQuery::default()
+        })?;
+        let fits = store.fits(&site.name, JobKind::IdentifySite, 1)?;
+        let decisions = store.decisions(&site.name, 1)?;
+        let set = store.newest_set(&site.name)?;
+        Ok(json!({
+            "event": newest.first().map(|window| &window.id),
+            "screened": newest.first().map(|window| window.screening.is_some()),
+            "fit": fits.first().map(|fit| fit.id.0),
+            "decision": decisions.first().map(|decision| decision.id.0),
+            "awaiting_approval": decisions.first().map(|decision| decision.awaiting_approval),
+            "set": set.map(|set| set.version),
+        })
+        .to_string())
+    });
+    looked
+        .await
+        .unwrap_or_else(|_| Err(Problem::unavailable("interrupted")))
+}

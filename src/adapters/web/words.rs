@@ -1,0 +1,66 @@
+//! How pages say things.
+
+use crate::{
+    adapters::wire::v1::rfc3339,
+    disturbance::{Closing, Trigger},
+};
+
+/// Parts of a model as a reader sees them: `ZIP + induction motor + second motor`.
+pub(super) fn structure(parts: &[String]) -> String {
+    parts
+        .iter()
+        .map(|part| effect(part))
+        .collect::<Vec<_>>()
+        .join(" + ")
+}
+
+/// A part of a model as words.
+pub(super) fn effect(name: &str) -> String {
+    if name == "zip" {
+        "ZIP".to_owned()
+    } else {
+        name.replace('_', " ")
+    }
+}
+
+/// A UTC time to the millisecond, for reading.
+pub(super) fn utc(ns: i64) -> String {
+    let text = rfc3339(ns.saturating_add(500_000));
+    let (date, time) = text.split_once('T').unwrap_or((&text, ""));
+    let time = time.trim_end_matches('Z');
+    let time = time.split_once('.').map_or_else(
+        || format!("{time}.000"),
+        |(whole, part)| format!("{whole}.{:0<3}", part.chars().take(3).collect::<String>()),
+    );
+    format!("{date} {time}")
+}
+
+/// What opened a window, in words.
+pub(super) fn triggers(list: &[Trigger]) -> String {
+    list.iter()
+        .map(|t| t.name().replace('_', " "))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+/// Why a window ended, in words.
+pub(super) fn closing(closing: Closing) -> String {
+    closing.name().replace('_', " ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_three_decimals() {
+        assert_eq!(utc(0), "1970-01-01 00:00:00.000");
+        assert_eq!(utc(1_775_797_862_584_999_999), "2026-04-10 05:11:02.585");
+    }
+
+    #[test]
+    fn a_structure_reads_as_words() {
+        let parts = ["zip", "induction_motor"].map(str::to_owned);
+        assert_eq!(structure(&parts), "ZIP + induction motor");
+    }
+}
