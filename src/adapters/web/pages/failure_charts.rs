@@ -11,34 +11,37 @@ const SEGMENTS: [(Segment, &str); 5] = [
     (Segment::After, "later"),
 ];
 
+fn bars(
+    list: &[SegmentResidual],
+    channel: Channel,
+    ink: Ink,
+    name: &str,
+    shift: f64,
+    half_width: f64,
+) -> Mark {
+    let mut x = Vec::new();
+    let mut y = Vec::new();
+    for (place, (segment, _)) in SEGMENTS.iter().enumerate() {
+        let found = list
+            .iter()
+            .find(|r| r.segment == *segment && r.channel == channel);
+        if let Some(residual) = found {
+            x.push(place as f64 + shift);
+            y.push(residual.to_noise);
+        }
+    }
+    Mark::Bars {
+        name: name.to_owned(),
+        ink,
+        x,
+        y,
+        base: 0.0,
+        half_width,
+    }
+}
+
 /// Residual over noise by segment, P and Q side by side; of the other model behind it.
 pub(super) fn segments(list: &[SegmentResidual], rival: Option<&[SegmentResidual]>) -> Chart {
-    let bars = |list: &[SegmentResidual],
-                channel: Channel,
-                ink: Ink,
-                name: &str,
-                shift: f64,
-                half_width: f64| {
-        let mut x = Vec::new();
-        let mut y = Vec::new();
-        for (place, (segment, _)) in SEGMENTS.iter().enumerate() {
-            let found = list
-                .iter()
-                .find(|r| r.segment == *segment && r.channel == channel);
-            if let Some(residual) = found {
-                x.push(place as f64 + shift);
-                y.push(residual.to_noise);
-            }
-        }
-        Mark::Bars {
-            name: name.to_owned(),
-            ink,
-            x,
-            y,
-            base: 0.0,
-            half_width,
-        }
-    };
     let mut marks = vec![
         Mark::Level {
             name: "noise".to_owned(),

@@ -125,6 +125,10 @@ fn step_name(stairs: &[Stair], place: usize) -> String {
     added.chain(removed).collect::<Vec<_>>().join(" ")
 }
 
+#[allow(
+    clippy::too_many_lines,
+    reason = "one chart described from top to bottom"
+)]
 fn staircase(page: &StructurePage) -> Chart {
     let stairs = &page.stairs;
     let log = |value: f64| value.max(1e-3).log10();

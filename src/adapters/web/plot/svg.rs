@@ -242,6 +242,7 @@ fn named(chart: &Chart, value: f64) -> Option<String> {
     chart.names.get(place).cloned()
 }
 
+#[allow(clippy::too_many_lines, reason = "one arm for each mark")]
 fn draw(out: &mut String, frame: &Frame<'_>, mark: &Mark) {
     match mark {
         Mark::Line {
