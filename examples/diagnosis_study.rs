@@ -8,7 +8,10 @@
 #![allow(
     clippy::print_stdout,
     clippy::unwrap_used,
-    reason = "a study prints its tables and stops at the first surprise"
+    clippy::panic,
+    clippy::disallowed_methods,
+    clippy::too_many_lines,
+    reason = "a study prints its tables, stops at the first surprise and tells its time"
 )]
 
 use std::{collections::BTreeMap, fs::File, io::Write, time::Instant};
