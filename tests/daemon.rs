@@ -332,6 +332,7 @@ fn a_real_recording_is_fitted_where_it_is_a_load_and_refused_where_it_is_transit
 }
 
 #[test]
+#[ignore = "minutes in an unoptimised build: cargo test --release --test daemon -- --ignored"]
 fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
     let place = Place::diagnosing(&site_table("demo"));
     let daemon = place.start();

@@ -98,7 +98,7 @@ pub const PAYLOADS_REFUSED: Declaration = counter(
 /// Frames of C37.118 streams.
 pub const FRAMES: Declaration = counter(
     "loadmodeld_frames_total",
-    &["site", "outcome"],
+    &["outcome"],
     "C37.118 frames by what became of them: sample, configuration, reconfiguration, other, no_configuration, not_as_configured, not_mapped, no_time, bad_checksum, malformed.",
 );
 /// Messages dropped by a full intake queue.

@@ -199,7 +199,7 @@ impl Occurrence for FramesTaken {
     fn emit(&self, metrics: &Metrics) {
         let (site, stream) = (self.site.as_str(), self.stream.as_str());
         for &(outcome, count) in &self.outcomes {
-            metrics.add(&catalogue::FRAMES, &[site, outcome], count);
+            metrics.add(&catalogue::FRAMES, &[outcome], count);
         }
         trace!(site, stream, outcomes = ?self.outcomes, "frames taken in");
         if let Some((outcome, error)) = &self.trouble {

@@ -12,7 +12,7 @@ use tokio::{
 use crate::{
     adapters::{
         http::{self, Actions, Context, Health, Token},
-        store::{SqliteOptions, SqliteStore, Store},
+        store::{NewStructure, Origin, SqliteOptions, SqliteStore, Store, StructureChange},
         wire::v1::examples,
     },
     telemetry::Metrics,
@@ -46,6 +46,15 @@ impl Server {
         let path = directory.path().join("store.sqlite");
         let store = SqliteStore::open(&path, &SqliteOptions::default()).unwrap();
         store.save_site(&examples::site(), 1).unwrap();
+        let plain = ["zip", "induction_motor"].map(str::to_owned).to_vec();
+        let structure = NewStructure {
+            site: "site-01",
+            change: &StructureChange::Set(plain),
+            origin: Origin::Configuration,
+            actor: "the configuration",
+            comment: "",
+        };
+        store.change_structure(&structure, 1).unwrap();
         let window = examples::window("site-01-19700101T000000.000Z");
         store.save_window(&window, 2).unwrap();
         let health = Health::new(|| 0);

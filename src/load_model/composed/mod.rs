@@ -20,6 +20,7 @@ mod kept;
 mod motor;
 mod run;
 mod runge_kutta;
+mod series;
 
 #[cfg(test)]
 pub(super) mod contract;

@@ -2,19 +2,16 @@
 //! then the instrument.
 
 use super::{
-    Drive, FrequencyCourse, Instant, MotorDescription, Rest, Seen, Series, SimulationError, Step,
-    complex,
+    Drive, Instant, MotorDescription, Rest, SimulationError, Step, complex,
     feeder::{Implicit, Network, Secant, Solution},
     grid::Grid,
     kept::Kept,
     motor::{Motor, MotorState},
+    series::{View, frequency_series, measure, seen},
 };
-use crate::{
-    load_model::{
-        LinearCoefficients, MotorCoordinates,
-        effect::{Declaration, Effect, Equations, Place, Sensitivity},
-    },
-    numerics::Elementary,
+use crate::load_model::{
+    LinearCoefficients, MotorCoordinates,
+    effect::{Declaration, Effect, Equations, Place, Sensitivity},
 };
 
 /// The two scalars of a simulation.
@@ -36,9 +33,9 @@ impl Pass for Sensitivity {
 
 /// An effect that takes part in a pass.
 pub(super) struct Active<'a, S> {
-    declaration: &'static Declaration,
-    equations: &'a dyn Equations<S>,
-    parameters: Vec<S>,
+    pub(super) declaration: &'static Declaration,
+    pub(super) equations: &'a dyn Equations<S>,
+    pub(super) parameters: Vec<S>,
     first_state: usize,
 }
 
@@ -115,15 +112,6 @@ struct Simulation<'r, 'a, S> {
     known: Vec<Solution>,
     /// What motors see of the frequency; none where it is what was measured.
     seen: Option<Vec<View<S>>>,
-}
-
-/// The motors' view at one output instant.
-#[derive(Clone, Copy)]
-struct View<S> {
-    /// Factor on the phasor they see.
-    turn: [S; 2],
-    /// Factor on their power.
-    factor: S,
 }
 
 /// What moves during a pass.
@@ -272,79 +260,6 @@ fn at_rest<S: Pass>(
         load_voltage_square,
         synchronous_speed_rad_s,
     })
-}
-
-/// What motors see of the frequency where an effect makes a difference.
-fn seen<S: Pass>(
-    drive: &Drive<'_>,
-    grid: &Grid,
-    frequency: &[S],
-    effects: &[Active<'_, S>],
-) -> Option<Vec<View<S>>> {
-    let mut acting = effects
-        .iter()
-        .filter(|e| e.declaration.acts_on(Place::MotorFrequency))
-        .peekable();
-    acting.peek()?;
-    let jumps = grid.time_s.iter().zip(&grid.jump);
-    let jumps_s: Vec<f64> = jumps.filter(|(_, jump)| **jump).map(|(t, _)| *t).collect();
-    let course = FrequencyCourse {
-        time_s: &grid.time_s,
-        deviation: frequency,
-        jumps_s: &jumps_s,
-        synchronous_speed_rad_s: drive.terminal.synchronous_speed_rad_s,
-    };
-    let nothing = Seen {
-        frequency: S::constant(1.0),
-        turn_rad: S::constant(0.0),
-    };
-    let mut seen = vec![nothing; frequency.len()];
-    for e in acting {
-        e.equations
-            .motor_frequency(&e.parameters, &course, &mut seen);
-    }
-    let view = |at: Seen<S>| {
-        let [sine, cosine] = at.turn_rad.sin_cos();
-        View {
-            turn: [cosine / at.frequency, sine / at.frequency],
-            factor: at.frequency,
-        }
-    };
-    Some(seen.into_iter().map(view).collect())
-}
-
-/// Lets the instruments act on the series.
-fn measure<S: Pass>(
-    drive: &Drive<'_>,
-    grid: &Grid,
-    effects: &[Active<'_, S>],
-    [active, reactive]: &mut Output<S>,
-) {
-    let mut series = Series {
-        time_s: &grid.time_s,
-        jump: &grid.jump,
-        phasor: &grid.phasor,
-        reactive_at_rest: drive.reactive_at_rest,
-        active,
-        reactive,
-    };
-    for e in effects
-        .iter()
-        .filter(|e| e.declaration.acts_on(Place::Measurement))
-    {
-        e.equations.measure(&e.parameters, &mut series);
-    }
-}
-
-fn frequency_series<S: Elementary>(drive: &Drive<'_>, grid: &Grid) -> Vec<S> {
-    if drive.frequency_deviation.is_empty() {
-        return vec![S::constant(0.0); grid.time_s.len()];
-    }
-    drive
-        .frequency_deviation
-        .iter()
-        .map(|f| S::constant(*f))
-        .collect()
 }
 
 /// Phasors of a step as constants.

@@ -396,7 +396,7 @@ mod tests {
             ),
             (with("channels", uneven), "unequal_lengths"),
             (with("quality", json!([0])), "unequal_lengths"),
-            (with("quality", json!([0, 0x0100_0000])), "unknown_quality"),
+            (with("quality", json!([0, 0x4000_0000])), "unknown_quality"),
             (voltage(json!([])), "no_sample"),
             (voltage(json!(vec![1; 20_001])), "too_many_samples"),
             (voltage(json!(["1"])), "malformed"),
