@@ -2,6 +2,7 @@
 //! what the PMU sends. Faults are placed by the number of the data frame, so that every run meets the
 //! same ones. And the parsers of everything that comes in, on mutants of the fuzzers' corpus.
 #![allow(
+    clippy::disallowed_methods,
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,
