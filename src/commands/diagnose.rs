@@ -26,7 +26,7 @@ pub struct DiagnoseArgs {
 ///
 /// # Errors
 ///
-/// See [`DiagnosingError`].
+/// When the events cannot be read, nothing can be fitted, or the result cannot be written.
 #[allow(
     clippy::disallowed_methods,
     reason = "a command is where wall-clock time is measured"
