@@ -371,6 +371,13 @@ fn print_untestable(effect: &Untestable, out: &mut dyn Write) -> io::Result<()> 
         "1" => String::new(),
         unit => format!(" {unit}"),
     };
+    if !effect.smallest_detectable_amplitude.is_finite() {
+        return writeln!(
+            out,
+            "  {}: no {} would have shown; {}",
+            effect.effect, effect.amplitude, effect.needs
+        );
+    }
     writeln!(
         out,
         "  {}: {} shows from {:.3}{unit} on, and {:.3}{unit} would matter; {}",

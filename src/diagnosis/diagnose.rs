@@ -240,13 +240,18 @@ fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
     };
     let misfit = round.base().chi_square().max(1.0).sqrt();
     let detectable = DETECTABLE_ERRORS * misfit * trial.score.amplitude_error;
+    let range = (parameter.upper - parameter.neutral).max(parameter.neutral - parameter.lower);
     let found = trial.fit().is_some_and(|fit| {
         let (value, least) = amplitude(trial.declaration, fit);
         value > least && trial.delta_bic() < 0.0
     });
     (detectable > meaningful && !found).then(|| Untestable {
         effect: trial.name().to_owned(),
-        smallest_detectable_amplitude: detectable,
+        smallest_detectable_amplitude: if detectable < range {
+            detectable
+        } else {
+            f64::INFINITY
+        },
         meaningful_amplitude: meaningful,
         amplitude: parameter.name.to_owned(),
         unit: parameter.unit.to_owned(),

@@ -107,7 +107,8 @@ pub struct Candidate {
 pub struct Untestable {
     /// Its name in the catalogue.
     pub effect: String,
-    /// Smallest amplitude that would have shown, in the unit of its first amplitude.
+    /// Smallest amplitude that would have shown, in the unit of its first amplitude; infinite where
+    /// none within its bounds would have.
     pub smallest_detectable_amplitude: f64,
     /// Smallest amplitude worth reporting.
     pub meaningful_amplitude: f64,

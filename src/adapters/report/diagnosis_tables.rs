@@ -191,7 +191,11 @@ pub(super) fn untestable(effects: &[Untestable]) -> Markup {
             tbody { @for effect in effects { tr {
                 th scope="row" { code { (effect.effect) } }
                 td { code { (effect.amplitude) } @if effect.unit != "1" { ", " (effect.unit) } }
-                td.number { (significant(effect.smallest_detectable_amplitude, 2)) }
+                td.number {
+                    @if effect.smallest_detectable_amplitude.is_finite() {
+                        (significant(effect.smallest_detectable_amplitude, 2))
+                    } @else { "none" }
+                }
                 td.number { (significant(effect.meaningful_amplitude, 2)) }
                 td.words { (effect.needs) }
             } } }
