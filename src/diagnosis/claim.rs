@@ -49,11 +49,16 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
         ));
     }
     let own = fall(evidence.chi_square_before, evidence.chi_square_after);
-    if own < options.fall_min {
+    let needed = if evidence.chi_square_before > options.floor {
+        options.fall_min
+    } else {
+        options.fall_min_at_floor
+    };
+    if own < needed {
         list.push(format!(
             "the misfit of the fitted events falls by {:.1} %; a claim needs {:.0} %",
             100.0 * own,
-            100.0 * options.fall_min
+            100.0 * needed
         ));
     }
     if evidence.amplitude_over_meaningful < 1.0 {

@@ -41,8 +41,10 @@ pub struct ClaimOptions {
     pub delta_bic_min: f64,
     /// A claim lowers the weighted squares of the held-out events by at least this share.
     pub held_out_fall_min: f64,
-    /// A claim lowers those of all fitted events by at least this share.
+    /// A claim lowers those of all fitted events by at least this share ...
     pub fall_min: f64,
+    /// ... or this one, where they are at the floor already.
+    pub fall_min_at_floor: f64,
     /// A rival is in the answer set when its criterion is behind the best by at most this share of
     /// the best gain ...
     pub rival_share: f64,
@@ -68,6 +70,7 @@ impl Default for ClaimOptions {
             delta_bic_min: 30.0,
             held_out_fall_min: 0.10,
             fall_min: 0.05,
+            fall_min_at_floor: 0.10,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
             delta_bic_near: 10.0,
