@@ -203,7 +203,6 @@ fn a_file_and_a_built_in_effect_of_the_same_physics_agree() {
     for (file, built_in, tolerance) in [
         ("recovery_from_file", "exponential_recovery", 2e-6),
         ("frequency_from_file", "static_frequency_dependence", 1e-15),
-        ("self_disconnection_from_file", "self_disconnection", 1e-15),
     ] {
         let (one, other) = (model(&[file]), model(&[built_in]));
         assert_eq!(one.typical(), other.typical(), "{file}");
