@@ -38,8 +38,7 @@ const NOTHING_LEFT: f64 = 1.5;
 /// Without an effect file when something is left that no term of the dictionary describes.
 ///
 /// Events must be those the model was fitted to, or more of the same site; with a single event no
-/// term can prove itself on another, and the sentence says so. Cost: about 0.1 s for ten events of
-/// 10 s at 60 frames/s.
+/// term can prove itself on another, and the sentence says so.
 #[must_use]
 pub fn describe(events: &[PreparedEvent], curves: &[Curves]) -> Option<Unexplained> {
     let usable: Vec<(&PreparedEvent, &Curves)> = (events.iter().zip(curves))
