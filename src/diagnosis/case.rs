@@ -19,7 +19,7 @@ use crate::{
         joint_problem::ProblemOptions,
         median_operating_point, prepare_all,
     },
-    load_model::Structure,
+    load_model::{Structure, composed::SimulationError},
     measurement::Site,
 };
 
@@ -101,6 +101,21 @@ impl<'a> Case<'a> {
         })
     }
 
+    /// Untouched events that the structure at the start has no response in are refused with the
+    /// reason: no later structure is quoted on others.
+    pub(super) fn refuse_without_response(&mut self, base: &Baseline) {
+        let model = load(&base.structure, &base.all);
+        for event in std::mem::take(&mut self.untouched) {
+            match model.curves(&align(&model, &event)) {
+                Ok(_) => self.untouched.push(event),
+                Err(error) => self.refused.push((
+                    event.id,
+                    format!("the fitted model has no response: {error}"),
+                )),
+            }
+        }
+    }
+
     /// Events by use.
     pub(super) fn events(&self) -> EventSets {
         let names = |gating: bool| {
@@ -176,12 +191,14 @@ impl<'a> Case<'a> {
         }
     }
 
+    /// Whether there are events to hold a claim against.
+    pub(super) fn has_gate(&self) -> bool {
+        self.gates.contains(&true)
+    }
+
     /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
-    /// been fitted. `None` without gating events or when it cannot be simulated.
-    pub(super) fn without_gate(&self, fit: &ComposedFit) -> Option<ComposedFit> {
-        if !self.gates.contains(&true) {
-            return None;
-        }
+    /// been fitted. `None` when it cannot be simulated there.
+    fn without_gate(&self, fit: &ComposedFit) -> Option<ComposedFit> {
         composed::fit(
             &self.part(false),
             &fit.model,
@@ -192,72 +209,84 @@ impl<'a> Case<'a> {
         )
     }
 
-    /// Weighted squares of the gating events, composition of each event free to vary, and their rows.
-    pub(super) fn gate_squares(&self, fit: &ComposedFit) -> Option<(Vec<f64>, usize)> {
+    /// Weighted squares per row of the gating events, which the fit that is judged has not seen,
+    /// composition of each event free to vary; infinite when they cannot be simulated. `None` without
+    /// such events.
+    pub(super) fn gate_misfit(&self, fit: &ComposedFit) -> Option<f64> {
+        if !self.has_gate() {
+            return None;
+        }
         let gate = self.part(true);
-        let squares = composed::squares(
-            &gate,
-            &fit.model,
-            &fit.parameters,
-            &self.options.composed.scatter,
-        )?;
-        let rows = gate
-            .iter()
-            .map(|e| 2 * e.used.iter().filter(|u| **u).count())
-            .sum();
-        Some((squares, rows))
+        let scatter = &self.options.composed.scatter;
+        let squares = self
+            .without_gate(fit)
+            .and_then(|fit| composed::squares(&gate, &fit.model, &fit.parameters, scatter));
+        let used = |e: &PreparedEvent| 2 * e.used.iter().filter(|u| **u).count();
+        let rows: usize = gate.iter().map(used).sum();
+        Some(squares.map_or(f64::INFINITY, |s| {
+            s.iter().sum::<f64>() / rows.max(1) as f64
+        }))
     }
 
     /// Errors on the fitted and gating events of a fit without the gate, and on the untouched ones of
     /// the fit to both.
+    ///
+    /// [`IdentificationError::NotSimulated`] when the model has no response in one of them: an error
+    /// that leaves such an event out would look better than the model is.
     pub(super) fn errors(
         &self,
         structure: &Structure,
         fit: &ComposedFit,
-    ) -> Option<StructureErrors> {
+    ) -> Result<StructureErrors, IdentificationError> {
         let judged = load(structure, fit);
-        let untouched = self.errors_of(&judged, &self.untouched);
-        let Some(training) = self.without_gate(fit) else {
-            return Some(StructureErrors {
-                fit: self.errors_of(&judged, &self.judged)?,
+        let untouched = self.errors_of(&judged, &self.untouched)?;
+        if !self.has_gate() {
+            return Ok(StructureErrors {
+                fit: self.errors_of(&judged, &self.judged)?.unwrap_or_default(),
                 gate: None,
                 untouched,
             });
-        };
+        }
+        let training = self.without_gate(fit).ok_or_else(|| self.failed())?;
         let model = load(structure, &training);
-        Some(StructureErrors {
-            fit: self.errors_of(&model, &self.part(false))?,
-            gate: self.errors_of(&model, &self.part(true)),
+        Ok(StructureErrors {
+            fit: self
+                .errors_of(&model, &self.part(false))?
+                .unwrap_or_default(),
+            gate: self.errors_of(&model, &self.part(true))?,
             untouched,
         })
     }
 
-    /// Errors of a model on events; `None` without events or when it cannot be simulated.
-    pub(super) fn errors_of(
+    /// Errors of a model on events; `None` without events.
+    fn errors_of(
         &self,
         model: &ComposedLoad,
         events: &[PreparedEvent],
-    ) -> Option<ErrorSummary> {
+    ) -> Result<Option<ErrorSummary>, IdentificationError> {
         if events.is_empty() {
-            return None;
+            return Ok(None);
         }
         let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
-        errors(model, &StaticModel::fit(&self.judged), &events).ok()
+        errors(model, &StaticModel::fit(&self.judged), &events)
+            .map(Some)
+            .map_err(|error| not_simulated(model, &error))
     }
 
-    /// What a fit says in all events that it can be simulated in, in the order of their names.
+    /// What a fit says in all events, in the order of their names.
     pub(super) fn curves(
         &self,
         structure: &Structure,
         fit: &ComposedFit,
-    ) -> Vec<(PreparedEvent, Curves)> {
+    ) -> Result<Vec<(PreparedEvent, Curves)>, IdentificationError> {
         let model = load(structure, fit);
         let mut events: Vec<&PreparedEvent> = self.judged.iter().chain(&self.untouched).collect();
         events.sort_by(|a, b| a.id.cmp(&b.id));
-        let simulated = events.into_iter().filter_map(|event| {
+        let simulated = events.into_iter().map(|event| {
             let event = align(&model, event);
-            let curves = model.curves(&event).ok()?;
-            Some((event, curves))
+            let curves = model.curves(&event);
+            let curves = curves.map_err(|error| not_simulated(&model, &error))?;
+            Ok((event, curves))
         });
         simulated.collect()
     }
@@ -269,9 +298,8 @@ impl<'a> Case<'a> {
         structure: &Structure,
         fit: &ComposedFit,
     ) -> Result<Identification, IdentificationError> {
-        let (fitted, held, fit) = if self.untouched.is_empty()
-            && let Some(training) = self.without_gate(fit)
-        {
+        let (fitted, held, fit) = if self.untouched.is_empty() && self.has_gate() {
+            let training = self.without_gate(fit).ok_or_else(|| self.failed())?;
             (self.part(false), self.part(true), training)
         } else {
             (self.judged.clone(), self.untouched.clone(), fit.clone())
@@ -291,8 +319,15 @@ impl<'a> Case<'a> {
     }
 }
 
+fn not_simulated(model: &ComposedLoad, error: &SimulationError) -> IdentificationError {
+    let structure = model.structure.names().join(" + ");
+    IdentificationError::NotSimulated {
+        reason: format!("{structure}: {error}"),
+    }
+}
+
 /// The model of a fit.
-pub(super) fn load(structure: &Structure, fit: &ComposedFit) -> ComposedLoad {
+fn load(structure: &Structure, fit: &ComposedFit) -> ComposedLoad {
     ComposedLoad {
         structure: structure.clone(),
         model: fit.model.clone(),

@@ -30,9 +30,13 @@ pub(super) struct Evidence {
     pub(super) gate: Option<GateEvidence>,
 }
 
-/// Share by which a value falls.
+/// Share by which a value falls. What cannot be simulated has an infinite misfit.
 fn fall(before: f64, after: f64) -> f64 {
-    if before > 0.0 && after.is_finite() {
+    if !after.is_finite() {
+        -1.0
+    } else if before.is_infinite() {
+        1.0
+    } else if before > 0.0 {
         (before - after) / before
     } else {
         -1.0

@@ -42,13 +42,16 @@ pub fn diagnose(
 ) -> Result<Diagnosis, IdentificationError> {
     let parsed = Structure::parse(structure)?;
     let watcher = Watcher { progress, cancel };
-    let judged = Case::new(site, windows, options, watcher).and_then(|case| {
-        let round = round(&case, case.baseline(&parsed)?)?;
-        Ok(report(&case, &round))
+    let judged = Case::new(site, windows, options, watcher).and_then(|mut case| {
+        let base = case.baseline(&parsed)?;
+        case.refuse_without_response(&base);
+        report(&case, &round(&case, base)?)
     });
     match judged {
         Err(
-            error @ (IdentificationError::NoUsableEvent { .. } | IdentificationError::NoSolution),
+            error @ (IdentificationError::NoUsableEvent { .. }
+            | IdentificationError::NoSolution
+            | IdentificationError::NotSimulated { .. }),
         ) => Ok(cannot_judge(site, structure, &error)),
         other => other,
     }
@@ -86,10 +89,12 @@ fn cannot_judge(site: &Site, structure: &[String], error: &IdentificationError) 
 pub const ERROR_TO_NOISE_FLOOR: f64 = 1.1;
 
 /// What a round says, in words and figures.
-pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
+///
+/// [`IdentificationError::NotSimulated`] as [`Case::errors`].
+pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, IdentificationError> {
     let structure = &round.asked.baseline.structure;
     let fit = &round.asked.baseline.all;
-    let curves = case.curves(structure, fit);
+    let curves = case.curves(structure, fit)?;
     let failures: Vec<_> = curves
         .iter()
         .map(|(event, curves)| failure(event, curves))
@@ -102,24 +107,22 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
         .map(|&i| round.trials[i].name().to_owned())
         .collect();
     let trials = || round.trials.iter();
-    let unexplained = (round.decision.status == Status::UnknownEffect)
-        .then(|| {
-            let closest = round.base();
-            let (events, curves): (Vec<_>, Vec<_>) = case
-                .curves(&closest.baseline.structure, &closest.baseline.all)
-                .into_iter()
-                .unzip();
-            unexplained::describe(&events, &curves)
-        })
-        .flatten();
-    Diagnosis {
+    let unexplained = if round.decision.status == Status::UnknownEffect {
+        let closest = &round.base().baseline;
+        let curves = case.curves(&closest.structure, &closest.all)?;
+        let (events, curves): (Vec<_>, Vec<_>) = curves.into_iter().unzip();
+        unexplained::describe(&events, &curves)
+    } else {
+        None
+    };
+    Ok(Diagnosis {
         site: case.site.name.clone(),
         structure: structure.names(),
         status: round.decision.status,
         summary: summary(round, &answer_set),
         reasons: round.decision.reasons.clone(),
         events: case.events(),
-        baseline: case.errors(structure, fit).unwrap_or_default(),
+        baseline: case.errors(structure, fit)?,
         noise_floor: ERROR_TO_NOISE_FLOOR,
         segments: pooled(&failures),
         failures,
@@ -129,13 +132,13 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Diagnosis {
         unexplained,
         cost: DiagnosisCost {
             simulations: trials()
-                .filter_map(|t| t.fit())
+                .filter_map(|t| t.fit.as_ref())
                 .map(|f| f.evaluations)
                 .sum(),
-            refits: trials().filter(|t| t.refit.is_some()).count() as u64,
+            refits: trials().filter(|t| t.fit.is_some()).count() as u64,
             seconds: 0.0,
         },
-    }
+    })
 }
 
 fn summary(round: &Round, answer: &[String]) -> String {
@@ -215,7 +218,8 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             },
             group,
             parameters: trial
-                .fit()
+                .fit
+                .as_ref()
                 .map(|fit| composed_parameters(fit, trial.name()))
                 .unwrap_or_default(),
             declared,
@@ -241,7 +245,7 @@ fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
     let misfit = round.base().chi_square().max(1.0).sqrt();
     let detectable = DETECTABLE_ERRORS * misfit * trial.score.amplitude_error;
     let range = (parameter.upper - parameter.neutral).max(parameter.neutral - parameter.lower);
-    let found = trial.fit().is_some_and(|fit| {
+    let found = trial.fit.as_ref().is_some_and(|fit| {
         let (value, least) = amplitude(trial.declaration, fit);
         value > least && trial.delta_bic() < 0.0
     });

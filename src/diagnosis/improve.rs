@@ -10,8 +10,8 @@ use super::{
 };
 use crate::{
     disturbance::Window,
-    identification::{IdentificationError, composed::Baseline},
-    load_model::Structure,
+    identification::{ErrorSummary, IdentificationError, composed::Baseline},
+    load_model::{Structure, structure::StructureError},
     measurement::Site,
 };
 
@@ -54,8 +54,10 @@ pub fn improve(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Improvement, IdentificationError> {
     let parsed = Structure::parse(structure)?;
-    let case = Case::new(site, windows, options, Watcher { progress, cancel })?;
-    let mut stairs = Stairs::new(&case, case.baseline(&parsed)?)?;
+    let mut case = Case::new(site, windows, options, Watcher { progress, cancel })?;
+    let base = case.baseline(&parsed)?;
+    case.refuse_without_response(&base);
+    let mut stairs = Stairs::new(&case, base)?;
     match change {
         Change::UntilAdequate => stairs.climb()?,
         Change::ByHand { add, remove } => stairs.change(add, remove)?,
@@ -104,12 +106,12 @@ impl<'a> Stairs<'a> {
     }
 
     fn diagnosis(&self) -> Result<Diagnosis, IdentificationError> {
-        Ok(report(self.case, &round(self.case, self.at.clone())?))
+        report(self.case, &round(self.case, self.at.clone())?)
     }
 
     fn climb(&mut self) -> Result<(), IdentificationError> {
         for _ in 0..ROUNDS_MAX {
-            let found = self.diagnosis()?;
+            let mut found = self.diagnosis()?;
             let missing = matches!(
                 found.status,
                 Status::MissingEffect | Status::InstrumentSuspect
@@ -118,24 +120,48 @@ impl<'a> Stairs<'a> {
                 self.last = Some(found);
                 return Ok(());
             };
-            let reason = found.summary.clone();
-            let mut next = self.case.with(&self.at, &effect)?;
-            let dropped = self.drop_superfluous(&mut next, &effect)?;
-            let step = self.step(&next, Some(effect), dropped, reason)?;
-            if self.worse(&step) {
-                let mut found = found;
-                found.reasons.push(format!(
-                    "it is not added: the error on events not fitted rises to {:.2} times the noise",
-                    step.errors.quoted().error_to_noise
-                ));
-                self.last = Some(found);
-                return Ok(());
+            match self.higher(&effect, &found.summary)? {
+                Ok((step, next)) => {
+                    self.diagnoses.push(found);
+                    self.steps.push(step);
+                    self.at = next;
+                }
+                Err(reason) => {
+                    found
+                        .reasons
+                        .push(format!("{effect} is not added: {reason}"));
+                    self.last = Some(found);
+                    return Ok(());
+                }
             }
-            self.diagnoses.push(found);
-            self.steps.push(step);
-            self.at = next;
         }
         Ok(())
+    }
+
+    /// The next step up, or why there is none.
+    fn higher(
+        &self,
+        effect: &str,
+        reason: &str,
+    ) -> Result<Result<(ImprovementStep, Baseline), String>, IdentificationError> {
+        let climbed = || {
+            let mut next = self.case.with(&self.at, effect)?;
+            let dropped = self.drop_superfluous(&mut next, effect)?;
+            let step = self.step(&next, Some(effect.to_owned()), dropped, reason.to_owned())?;
+            Ok((step, next))
+        };
+        match climbed() {
+            Ok((step, _)) if self.worse(&step) => Ok(Err(format!(
+                "the error on events not fitted rises to {:.2} times the noise",
+                deciding(&step).error_to_noise
+            ))),
+            Ok(higher) => Ok(Ok(higher)),
+            Err(
+                error
+                @ (IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }),
+            ) => Ok(Err(error.to_string())),
+            Err(error) => Err(error),
+        }
     }
 
     fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), IdentificationError> {
@@ -190,8 +216,8 @@ impl<'a> Stairs<'a> {
         let before = self
             .steps
             .last()
-            .map_or(f64::INFINITY, |s| s.errors.quoted().error_to_noise);
-        step.errors.quoted().error_to_noise > (1.0 + WORSE_MAX) * before
+            .map_or(f64::INFINITY, |s| deciding(s).error_to_noise);
+        deciding(step).error_to_noise > (1.0 + WORSE_MAX) * before
     }
 
     fn step(
@@ -202,11 +228,8 @@ impl<'a> Stairs<'a> {
         reason: String,
     ) -> Result<ImprovementStep, IdentificationError> {
         let fit = &at.all;
-        let errors = self
-            .case
-            .errors(&at.structure, fit)
-            .ok_or_else(|| self.case.failed())?;
-        let curves = self.case.curves(&at.structure, fit);
+        let errors = self.case.errors(&at.structure, fit)?;
+        let curves = self.case.curves(&at.structure, fit)?;
         Ok(ImprovementStep {
             structure: at.structure.names(),
             added,
@@ -224,7 +247,17 @@ impl<'a> Stairs<'a> {
     }
 }
 
+/// The errors by which a step is taken or not: never those of the untouched events, which are quoted
+/// and must not have been chosen by.
+fn deciding(step: &ImprovementStep) -> &ErrorSummary {
+    step.errors.gate.as_ref().unwrap_or(&step.errors.fit)
+}
+
 fn without(structure: &Structure, effect: &str) -> Result<Structure, IdentificationError> {
+    if !structure.contains(effect) {
+        let name = effect.to_owned();
+        return Err(StructureError::NotThere { name }.into());
+    }
     let left: Vec<String> = structure
         .names()
         .into_iter()

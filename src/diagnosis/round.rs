@@ -14,8 +14,7 @@ use crate::{
 /// What every motor has: left out of the model it makes other effects look missing, so that every
 /// trial has it. It is itself reported only when nothing else is.
 ///
-/// `frequency_scaled_power` was tried here too: it halves the margins of effects of the frequency
-/// (site-15: 27 % of the misfit to 7 %), doubles the time, and no plain site needs it.
+/// `frequency_scaled_power` is none: decision 0018.
 const COMPANIONS: [&str; 1] = ["stator_resistance"];
 /// A companion is kept when it lowers the criterion by this much.
 const COMPANION_DELTA_BIC: f64 = -10.0;
@@ -145,7 +144,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
             second: None,
         });
     }
-    Ok(match pair(case, list, &answer)? {
+    Ok(match pair(case, base, list, &answer)? {
         Some(pair) => with_second(list, status, answer, found, &pair),
         None => Decision {
             status: Status::UnknownEffect,
@@ -176,9 +175,10 @@ fn with_second(
         pair.second,
         pair.chi_square
     );
-    answer.retain(|i| *i != pair.first);
-    answer.insert(0, pair.first);
-    answer.truncate(2);
+    if answer.first() != Some(&pair.first) {
+        // Its rivals were those of an effect that alone was not enough.
+        answer = vec![pair.first];
+    }
     Decision {
         status,
         answer,
@@ -196,18 +196,25 @@ struct Pair {
 
 fn pair(
     case: &Case<'_>,
+    base: &Fitted,
     list: &[Trial],
     answer: &[usize],
 ) -> Result<Option<Pair>, IdentificationError> {
     let options = &case.options.claim;
     let mut firsts: Vec<usize> = answer.to_vec();
-    firsts.extend((0..list.len()).filter(|i| !answer.contains(i) && list[*i].refit.is_some()));
+    firsts.extend((0..list.len()).filter(|i| !answer.contains(i) && list[*i].fit.is_some()));
     let mut best: Option<(f64, Pair)> = None;
     for first in firsts.into_iter().take(FIRSTS) {
-        let Some(baseline) = list[first].refit.clone() else {
+        let Some(fit) = &list[first].fit else {
             continue;
         };
-        let base = Fitted::new(case, baseline);
+        let base = base.baseline.completed(
+            fit.clone(),
+            list[first].name(),
+            &case.options.composed,
+            case.watcher.cancel,
+        )?;
+        let base = Fitted::new(case, base);
         let names = addable(&base.baseline.structure, case.options);
         let seconds = trials(case, &base, &names)?;
         let found = seconds.iter().find(|t| {
@@ -215,7 +222,7 @@ fn pair(
                 .as_ref()
                 .is_some_and(|e| objections(e, options).is_empty() && reaches(e, options))
         });
-        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit()?))) else {
+        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit.as_ref()?))) else {
             continue;
         };
         let criterion = fit.criterion();

@@ -3,7 +3,7 @@
 
 use super::{
     case::Case,
-    claim::{Evidence, GateEvidence},
+    claim::{Evidence, GateEvidence, objections},
     options::DiagnosisOptions,
 };
 use crate::{
@@ -21,8 +21,8 @@ use crate::{
 
 /// A score below this many times the logarithm of the number of rows cannot win by any criterion.
 const HOPELESS_GAIN: f64 = 1.0;
-/// Trials that are held against the gate at most.
-const GATED_MAX: usize = 5;
+/// So many of the best trials are held against the gate, whatever else speaks against them.
+const GATED_MIN: usize = 3;
 
 /// One effect on top of a structure.
 pub(super) struct Trial {
@@ -31,8 +31,8 @@ pub(super) struct Trial {
     pub(super) score: Score,
     /// Share of the baseline's weighted squares that the score would remove.
     pub(super) score_share: f64,
-    /// The refit on all judged events and, where there is one, on the mild ones.
-    pub(super) refit: Option<Baseline>,
+    /// The refit on all judged events.
+    pub(super) fit: Option<ComposedFit>,
     /// Figures for the decision; none without a refit.
     pub(super) evidence: Option<Evidence>,
 }
@@ -47,40 +47,23 @@ impl Trial {
             .as_ref()
             .map_or(f64::INFINITY, |e| e.delta_bic)
     }
-
-    pub(super) fn fit(&self) -> Option<&ComposedFit> {
-        self.refit.as_ref().map(|r| &r.all)
-    }
-}
-
-/// Misfit of a fitted structure on the gate, the gate's events not having been fitted.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct GateMisfit {
-    pub(super) squares: Vec<f64>,
-    pub(super) rows: usize,
 }
 
 /// A structure as rounds see it: fitted to all judged events, and its misfit on the gate.
 pub(super) struct Fitted {
     pub(super) baseline: Baseline,
-    pub(super) gate: Option<GateMisfit>,
+    pub(super) gate: Option<f64>,
 }
 
 impl Fitted {
     pub(super) fn new(case: &Case<'_>, baseline: Baseline) -> Self {
-        let gate = gate_misfit(case, &baseline.all);
+        let gate = case.gate_misfit(&baseline.all);
         Self { baseline, gate }
     }
 
     pub(super) fn chi_square(&self) -> f64 {
         self.baseline.all.chi_square_per_row()
     }
-}
-
-pub(super) fn gate_misfit(case: &Case<'_>, fit: &ComposedFit) -> Option<GateMisfit> {
-    let training = case.without_gate(fit)?;
-    let (squares, rows) = case.gate_squares(&training)?;
-    Some(GateMisfit { squares, rows })
 }
 
 /// Tries every effect that may be added, best first: refitted ones by the criterion, then the others
@@ -112,9 +95,13 @@ pub(super) fn trials(
         let by_criterion = a.delta_bic().total_cmp(&b.delta_bic());
         by_criterion.then_with(|| b.score.gain.total_cmp(&a.score.gain))
     });
-    for trial in list.iter_mut().take(GATED_MAX) {
+    for (place, trial) in list.iter_mut().enumerate() {
         case.watcher.check()?;
-        hold_against_gate(case, base, trial);
+        let claimable = |e: &Evidence| objections(e, &case.options.claim).is_empty();
+        // Whatever might be claimed is held against the gate; of the others the best are, for the table.
+        if place < GATED_MIN || trial.evidence.as_ref().is_some_and(claimable) {
+            hold_against_gate(case, base, trial);
+        }
     }
     Ok(list)
 }
@@ -156,7 +143,7 @@ fn screened(
             declaration: effect.declaration(),
             score_share: (score.gain / squares.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
             score,
-            refit: None,
+            fit: None,
             evidence: None,
         });
     }
@@ -166,7 +153,7 @@ fn screened(
 
 fn refit(case: &Case<'_>, base: &Fitted, trial: &mut Trial) -> Result<(), IdentificationError> {
     let baseline = &base.baseline;
-    let added = baseline.with(
+    let added = baseline.extended(
         &case.judged,
         trial.name(),
         &case.options.composed,
@@ -175,38 +162,28 @@ fn refit(case: &Case<'_>, base: &Fitted, trial: &mut Trial) -> Result<(), Identi
     case.watcher.check()?;
     let Some(added) = added else { return Ok(()) };
     let before = &baseline.all;
-    let (value, meaningful) = amplitude(trial.declaration, &added.all);
+    let (value, meaningful) = amplitude(trial.declaration, &added);
     trial.evidence = Some(Evidence {
         physics: trial.declaration.kind == Kind::Physics,
-        delta_bic: added.all.criterion() - before.criterion(),
+        delta_bic: added.criterion() - before.criterion(),
         chi_square_before: before.chi_square_per_row(),
-        chi_square_after: added.all.chi_square_per_row(),
+        chi_square_after: added.chi_square_per_row(),
         amplitude_over_meaningful: value / meaningful,
-        at_bound: composed_parameters(&added.all, trial.name())
+        at_bound: composed_parameters(&added, trial.name())
             .iter()
             .any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
-        squares_after: added.all.squares.iter().sum(),
+        squares_after: added.squares.iter().sum(),
         gate: None,
     });
-    trial.refit = Some(added);
+    trial.fit = Some(added);
     Ok(())
 }
 
 fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {
-    let (Some(before), Some(fit)) = (&base.gate, trial.fit()) else {
-        return;
-    };
-    let after = gate_misfit(case, fit);
-    if let Some(evidence) = &mut trial.evidence {
-        evidence.gate = Some(GateEvidence {
-            before: per_row(before),
-            after: after.as_ref().map_or(f64::INFINITY, per_row),
-        });
+    let after = trial.fit.as_ref().and_then(|fit| case.gate_misfit(fit));
+    if let (Some(before), Some(after), Some(evidence)) = (base.gate, after, &mut trial.evidence) {
+        evidence.gate = Some(GateEvidence { before, after });
     }
-}
-
-fn per_row(misfit: &GateMisfit) -> f64 {
-    misfit.squares.iter().sum::<f64>() / misfit.rows.max(1) as f64
 }
 
 /// Whether a parameter lies on a bound that says the effect has to be stretched to describe the data:

@@ -119,6 +119,12 @@ pub enum IdentificationError {
         /// The coordinate.
         name: String,
     },
+    /// A fitted model has no response in an event.
+    #[error("the fitted model cannot be simulated: {reason}")]
+    NotSimulated {
+        /// Which structure, and why.
+        reason: String,
+    },
     /// The search found no feasible point.
     #[error("no feasible parameters were found from any start")]
     NoSolution,

@@ -49,10 +49,9 @@ impl Baseline {
         std::iter::once(&self.all).chain(mild).collect()
     }
 
-    /// The baseline with one more effect: fitted to all events from both origins, and to the mild
+    /// The baseline with one more effect: [`Self::extended`] on all events, and fitted to the mild
     /// events by themselves, so that a part whose effect shows everywhere is not spoilt by what
-    /// happens in deep dips only. An effect that does not show is included with its typical shapes.
-    /// `None` where no start could be simulated.
+    /// happens in deep dips only. `None` where no start could be simulated.
     ///
     /// # Errors
     ///
@@ -64,6 +63,25 @@ impl Baseline {
         options: &ComposedFitOptions,
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<Self>, StructureError> {
+        let Some(all) = self.extended(events, effect, options, cancel)? else {
+            return Ok(None);
+        };
+        self.completed(all, effect, options, cancel).map(Some)
+    }
+
+    /// The fit of the structure with one more effect to all events, from both origins. An effect that
+    /// does not show is included with its typical shapes. `None` where no start could be simulated.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::with`].
+    pub fn extended(
+        &self,
+        events: &[PreparedEvent],
+        effect: &str,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<ComposedFit>, StructureError> {
         let origins = self.origins();
         let extension = extend(events, &self.structure, &origins, effect, options, cancel)?;
         // A refit that ends above what it began with has lost its way: the effect is then included at
@@ -74,20 +92,32 @@ impl Baseline {
         if all.is_none() {
             all = include(events, &self.structure, &self.all, effect, options, cancel)?;
         }
-        let Some(all) = all else {
-            return Ok(None);
-        };
+        Ok(all)
+    }
+
+    /// The baseline with `effect`, of which `all` is the fit to all events.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::with`].
+    pub fn completed(
+        &self,
+        all: ComposedFit,
+        effect: &str,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Self, StructureError> {
         let mut mild = None;
         if let Some((few, fit)) = &self.mild {
             let own = extend(few, &self.structure, &[fit], effect, options, cancel)?;
             // What does not show in the mild events leaves their fit as it is.
             mild = Some((few.clone(), own.fit.unwrap_or_else(|| fit.clone())));
         }
-        Ok(Some(Self {
-            structure: extension.structure,
+        Ok(Self {
+            structure: self.structure.with(effect)?,
             all,
             mild,
-        }))
+        })
     }
 }
 
