@@ -292,16 +292,19 @@ impl<S: Elementary> Motor<S> {
     }
 
     /// A step of a motor connected to the share `connected` of itself (0: open stator, the rotor
-    /// coasts). Only for a motor described as `detailed`.
+    /// coasts), with `inertia` times the inertia. Only for a motor described as `detailed`.
     #[must_use]
     pub fn connected_step(
         &self,
         state: &MotorState<S>,
         u: [[S; 2]; 3],
         connected: S,
+        inertia: S,
         duration_s: f64,
     ) -> MotorState<S> {
-        self.not_backwards(self.detailed_step(state, u, Some(connected), duration_s))
+        let mut own = *self;
+        own.detail.inverse_inertia = own.detail.inverse_inertia / inertia;
+        self.not_backwards(own.detailed_step(state, u, Some(connected), duration_s))
     }
 
     /// The rotor stands still at most: a stalled motor does not turn backwards.

@@ -8,7 +8,8 @@
 //! their flux, are switched on again.
 //!
 //! A share `F` of the motors keeps states of its own. With `c` its connected share, 1 at rest, and
-//! the equations (1) to (4) of `composed::motor` in which the current is `c i`:
+//! the equations (1) to (4) of `composed::motor` in which the current is `c i` and the inertia `h` times
+//! that of the others (what contactors switch is lighter or heavier than the average):
 //!
 //! ```text
 //! c  = 1 - open(V < V_tr for T_tr, T_o, T_s) (1 - latch(V > V_rc for T_rc))         (1)
@@ -50,7 +51,7 @@ const DECLARATION: Declaration = Declaration {
     name: "motor_undervoltage_trip",
     title: "Undervoltage trip of motors",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.3, 1.0, 0.03]),
         Parameter::shape(["trip_voltage", "V_tr", "1"], [0.4, 0.7, 0.94], 0.12),
@@ -60,6 +61,7 @@ const DECLARATION: Declaration = Declaration {
         Parameter::shape(["capacitors", "b", "1"], [0.0, 0.3, 1.5], 0.4),
         Parameter::shape(["return_voltage", "V_rc", "1"], [0.5, 0.8, 0.95], 0.1),
         Parameter::positive_shape(["return_time_s", "T_rc", "s"], [0.02, 100.0, 1000.0], 3.0),
+        Parameter::positive_shape(["inertia", "h", "1"], [0.25, 1.0, 4.0], 0.4),
         MOTOR_REACTANCE,
     ],
     states: &[
@@ -105,8 +107,17 @@ impl Declared for MotorUndervoltageTrip {
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
         for opening_s in [0.01, 0.05] {
-            for return_time_s in [0.1, 1.5, 300.0] {
-                points.push(vec![0.7, 0.02, opening_s, 0.02, 0.3, 0.8, return_time_s]);
+            for return_time_s in [0.1, 0.4, 1.5, 300.0] {
+                points.push(vec![
+                    0.7,
+                    0.02,
+                    opening_s,
+                    0.02,
+                    0.3,
+                    0.8,
+                    return_time_s,
+                    1.0,
+                ]);
             }
         }
         points
@@ -140,7 +151,7 @@ fn connected<S: Elementary>(x: &[S]) -> S {
 impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
     fn motor(&self, p: &[S], motor: &mut MotorDescription<S>) {
         motor.detailed = true;
-        motor.reactance = p[8];
+        motor.reactance = p[9];
     }
 
     fn initialise(&self, _p: &[S], rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
@@ -197,9 +208,9 @@ impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
         }
         let share = (before + connected(x)) * 0.5;
         let state = motor_state(x);
-        let next = rest
-            .motor
-            .connected_step(&state, step.motor_phasor, share, step.duration_s);
+        let next =
+            rest.motor
+                .connected_step(&state, step.motor_phasor, share, p[8], step.duration_s);
         keep(x, &next);
     }
 

@@ -13,16 +13,18 @@
 //! ```text
 //! run:    p = 1,                      q = q_r + 6 ((v - .86)^2 - .14^2)     v > .86          (1)
 //!         p = 1 + 12 (.86 - v)^3.2,   q = q_r - 6 .14^2 + 11 (.86 - v)^2.5  below            (2)
+//!         but never more than (3)
 //! stall:  p = G v^2,  q = B v^2                                                             (3)
 //! s = latch(v < V_st for T_st),  b = r latch(v > V_rs for T_rs)                              (4)
-//! T_th dh/dt = G v^2 - h,   k = 1 - (h - .7)/(1.9 - .7) within 0..1                          (5)
+//! T_th dh/dt = G v^2 - h,   k = 1 - (h - h_1)/h_s within 0..1                                (5)
 //! dP = F ((1 - s + s b) p_run + s (1 - b) k p_stall - 1), dQ likewise                        (6)
 //! ```
 //!
-//! The running curves and the thermal thresholds are fixed: recordings do not determine them.
+//! The running curves are fixed: recordings do not determine them. Below the voltage where it meets (3) the
+//! running curve is that of a motor which has stopped.
 //!
 //! Source: motor D of the WECC composite load model: Kq1 6, Nq1 2, Kp2 12, Np2 3.2, Kq2 11, Nq2 2.5, Vbrk .86, Rstall
-//! .124, Xstall .114, Tstall .033, Vstall .55-.65, Vrst .9-.95, Trst .3-.4, Th1t .7, Th2t 1.9, Tth 10-15 s (all from
+//! .124, Xstall .114, Tstall .033, Vstall .55-.65, Vrst .9-.95, Trst .3-.4, Th1t .7-1.3, Th2t 1.9-4.3, Tth 10-15 s (all from
 //! memory, not verified; power factor .97 at rest). Not included: frequency factors, contactors
 //! (`contactor_dropout`), undervoltage relays.
 
@@ -35,7 +37,7 @@ use crate::{
     },
     numerics::{
         Elementary,
-        elementary::{at_least, at_most, power},
+        elementary::{at_least, at_most, power, smaller},
     },
 };
 
@@ -46,10 +48,6 @@ pub(super) struct SinglePhaseAcStall;
 const BREAK_VOLTAGE: f64 = 0.86;
 /// Reactive over active power at rest, power factor .97.
 const REST_REACTIVE: f64 = 0.25;
-const THERMAL_FIRST: f64 = 0.7;
-const THERMAL_LAST: f64 = 1.9;
-const RESTART_VOLTAGE: f64 = 0.92;
-const RESTART_TIME_S: f64 = 0.35;
 
 const fn state(name: &'static str, unit: &'static str) -> State {
     State { name, unit }
@@ -59,7 +57,7 @@ const DECLARATION: Declaration = Declaration {
     name: "single_phase_ac_stall",
     title: "Single-phase air conditioners that stall",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
         Parameter::shape(["stall_voltage", "V_st", "1"], [0.4, 0.62, 0.8], 0.06),
@@ -68,6 +66,10 @@ const DECLARATION: Declaration = Declaration {
         Parameter::positive_shape(["stalled_susceptance", "B", "1"], [2.0, 4.0, 8.0], 0.3),
         Parameter::positive_shape(["thermal_time_s", "T_th", "s"], [1.0, 10.0, 60.0], 0.8),
         Parameter::shape(["restarting_share", "r", "1"], [0.0, 0.1, 1.0], 0.3),
+        Parameter::shape(["restart_voltage", "V_rs", "1"], [0.8, 0.92, 0.98], 0.04),
+        Parameter::positive_shape(["restart_time_s", "T_rs", "s"], [0.05, 0.35, 2.0], 0.4),
+        Parameter::positive_shape(["first_trip_heat", "h_1", "1"], [0.3, 0.9, 3.0], 0.4),
+        Parameter::positive_shape(["trip_heat_span", "h_s", "1"], [0.3, 1.4, 5.0], 0.4),
     ],
     states: &[
         state("stall_timer", "s"),
@@ -103,7 +105,7 @@ impl Declared for SinglePhaseAcStall {
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         [5.0, 15.0]
-            .map(|thermal_s| vec![0.62, 0.035, 4.4, 4.0, thermal_s, 0.1])
+            .map(|thermal_s| vec![0.62, 0.035, 4.4, 4.0, thermal_s, 0.1, 0.92, 0.35, 0.9, 1.4])
             .to_vec()
     }
 
@@ -112,8 +114,8 @@ impl Declared for SinglePhaseAcStall {
     }
 }
 
-/// (1), (2)
-fn running<S: Elementary>(v: S) -> [S; 2] {
+/// (1), (2); `stalled` is the power of stopped motors at 1 pu.
+fn running<S: Elementary>(v: S, stalled: [S; 2]) -> [S; 2] {
     let at_rest = 6.0 * (1.0 - BREAK_VOLTAGE) * (1.0 - BREAK_VOLTAGE);
     let floor = REST_REACTIVE - at_rest;
     if v.value() > BREAK_VOLTAGE {
@@ -124,30 +126,29 @@ fn running<S: Elementary>(v: S) -> [S; 2] {
     }
     // The powers' slopes at zero do not exist.
     let under = at_least(-v + BREAK_VOLTAGE, 1e-9);
-    [
+    let slowing = [
         power(under, S::constant(3.2)) * 12.0 + 1.0,
         power(under, S::constant(2.5)) * 11.0 + floor,
-    ]
+    ];
+    [0, 1].map(|i| smaller(slowing[i], stalled[i] * (v * v)))
 }
 
 /// Part that the thermal relays have left on (5).
-fn left_on<S: Elementary>(heat: S) -> S {
-    let tripped = (heat + -THERMAL_FIRST) * (1.0 / (THERMAL_LAST - THERMAL_FIRST));
+fn left_on<S: Elementary>(heat: S, p: &[S]) -> S {
+    let tripped = (heat - p[9]) / p[10];
     -at_most(at_least(tripped, 0.0), 1.0) + 1.0
 }
 
 impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let low = step.voltage.map(|v| relay::below(v, p[1]));
-        let restart = S::constant(RESTART_VOLTAGE);
-        let high = step.voltage.map(|v| -relay::below(v, restart) + 1.0);
+        let high = step.voltage.map(|v| -relay::below(v, p[7]) + 1.0);
         let [stall_timer, stalled, restart_timer, restarted, heat] = x else {
             return;
         };
         relay::latch([stall_timer, stalled], low, p[2], step.duration_s); // (4)
         if stalled.value() > 0.0 {
-            let delay_s = S::constant(RESTART_TIME_S);
-            relay::latch([restart_timer, restarted], high, delay_s, step.duration_s);
+            relay::latch([restart_timer, restarted], high, p[8], step.duration_s);
             let [from, _, to] = step.voltage.map(|v| p[3] * (v * v));
             *heat = lag(*heat, [from, to], p[5], step.duration_s); // (5)
         }
@@ -155,11 +156,11 @@ impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
 
     fn power(&self, p: &[S], x: &[S], at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
         let v = at.voltage;
-        let [p_run, q_run] = running(v);
+        let [p_run, q_run] = running(v, [p[3], p[4]]);
         let (stalled, back) = (x[1], p[6] * x[3]);
         let locked = stalled * (-back + 1.0);
         let run = -locked + 1.0;
-        let hot = locked * left_on(x[4]) * (v * v);
+        let hot = locked * left_on(x[4], p) * (v * v);
         let active = run * p_run + hot * p[3];
         let reactive = run * q_run + hot * p[4];
         [p[0] * (active + -1.0), p[0] * (reactive + -REST_REACTIVE)] // (6)
@@ -173,11 +174,14 @@ mod tests {
 
     #[test]
     fn the_running_curve_is_continuous_and_exact_at_rest() {
-        assert_eq!(running(1.0_f64)[1].to_bits(), REST_REACTIVE.to_bits());
+        let running = |v: f64| running(v, [4.4, 4.0]);
+        assert_eq!(running(1.0)[1].to_bits(), REST_REACTIVE.to_bits());
         let [above, below] = [running(BREAK_VOLTAGE + 1e-9), running(BREAK_VOLTAGE - 1e-9)];
         assert!((above[0] - below[0]).abs() < 1e-9 && (above[1] - below[1]).abs() < 1e-9);
         // v = 0.66: 12 x 0.2^3.2 = 12 x 0.0057981 = 0.069577.
-        assert!((running(0.66_f64)[0] - 1.069_577).abs() < 1e-5);
+        assert!((running(0.66)[0] - 1.069_577).abs() < 1e-5);
+        // v = 0.4: 12 x 0.46^3.2 = 1.0, and one for rest; stopped 4.4 x 0.16 = 0.704.
+        assert!((running(0.4)[0] - 0.704).abs() < 1e-12);
     }
 
     #[test]
@@ -186,7 +190,7 @@ mod tests {
         let input = lasting(10.0, dip, &[0.5, 0.6]);
         let model = ComposedModel::new(&Structure::zip_im().with("single_phase_ac_stall").unwrap());
         let mut p = model.typical();
-        p[8..].copy_from_slice(&[0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0]);
+        p[8..].copy_from_slice(&[0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0, 0.92, 0.35, 0.7, 1.2]);
         let drive = Drive {
             terminal: &input,
             frequency_deviation: &[],
