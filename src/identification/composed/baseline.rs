@@ -2,7 +2,7 @@
 //! fits badly, on the mildest of them only, whose voltage stayed above any threshold.
 
 use super::{
-    extend::{extend, include},
+    extend::{extend, include, refine},
     fit::{ComposedFit, ComposedFitOptions, fit},
 };
 use crate::{
@@ -82,17 +82,44 @@ impl Baseline {
         options: &ComposedFitOptions,
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<ComposedFit>, StructureError> {
+        let sketched = self.sketched(events, effect, options, cancel)?;
+        let refined = sketched.map(|fit| refine(events, fit, effect, options, cancel));
+        match refined.filter(|fit| self.followed_by(fit)) {
+            Some(fit) => Ok(Some(fit)),
+            None => include(events, &self.structure, &self.all, effect, options, cancel),
+        }
+    }
+
+    /// A coarse fit with one more effect to all events, from both origins: enough to compare it with
+    /// other effects; [`refine`] fits it to the end. `None` where no start could be simulated, or none
+    /// led to where the events are followed as well as without the effect.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::with`].
+    pub fn sketched(
+        &self,
+        events: &[PreparedEvent],
+        effect: &str,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<ComposedFit>, StructureError> {
         let origins = self.origins();
         let extension = extend(events, &self.structure, &origins, effect, options, cancel)?;
-        // A refit that ends above what it began with has lost its way: the effect is then included at
-        // what the base already follows.
-        let before = self.all.minus_twice_log_posterior();
-        let follows = |fit: &ComposedFit| fit.minus_twice_log_posterior() <= before;
-        let mut all = extension.fit.filter(follows);
-        if all.is_none() {
-            all = include(events, &self.structure, &self.all, effect, options, cancel)?;
+        let Some(fit) = extension.fit else {
+            return Ok(None);
+        };
+        if self.followed_by(&fit) {
+            return Ok(Some(fit));
         }
-        Ok(all)
+        // The covariances of its start may have hidden what it leaves: once more, with those of its end.
+        let again = refine(events, fit, effect, &options.coarse(), cancel);
+        Ok(Some(again).filter(|fit| self.followed_by(fit)))
+    }
+
+    /// Whether a fit ends no higher than this one, from which it began: otherwise it lost its way.
+    fn followed_by(&self, fit: &ComposedFit) -> bool {
+        fit.minus_twice_log_posterior() <= self.all.minus_twice_log_posterior()
     }
 
     /// The baseline with `effect`, of which `all` is the fit to all events.
@@ -110,8 +137,9 @@ impl Baseline {
         let mut mild = None;
         if let Some((few, fit)) = &self.mild {
             let own = extend(few, &self.structure, &[fit], effect, options, cancel)?;
+            let own = own.fit.map(|fit| refine(few, fit, effect, options, cancel));
             // What does not show in the mild events leaves their fit as it is.
-            mild = Some((few.clone(), own.fit.unwrap_or_else(|| fit.clone())));
+            mild = Some((few.clone(), own.unwrap_or_else(|| fit.clone())));
         }
         Ok(Self {
             structure: self.structure.with(effect)?,

@@ -28,7 +28,7 @@ pub struct Extension {
     pub structure: Structure,
     /// Scores over the grid, best first.
     pub scores: Vec<Score>,
-    /// The refitted model; `None` where no start could be simulated.
+    /// The refitted model, as [`ComposedFitOptions::coarse`] fits; `None` where no start could be simulated.
     pub fit: Option<ComposedFit>,
 }
 
@@ -120,7 +120,7 @@ pub fn screen(
 }
 
 /// Adds `effect` to every origin (fits of one structure to the same or to fewer events) and refits
-/// on `events` from the best candidates; the best is kept. An effect that no candidate makes visible, or
+/// coarsely on `events` from the best candidates; the best is kept, for [`refine`]. An effect that no candidate makes visible, or
 /// that none wants with the sign it can have, is not refitted: `fit` is `None`.
 ///
 /// # Errors
@@ -137,6 +137,7 @@ pub fn extend(
 ) -> Result<Extension, StructureError> {
     let extended = structure.with(effect)?;
     let extending = Extending::new(events, &extended, effect);
+    let options = &options.coarse();
     let steps = extending.steps(origins, effect, options, cancel);
     let mut scores = Vec::new();
     let mut promising: Vec<(usize, Candidate)> = Vec::new();
@@ -149,7 +150,7 @@ pub fn extend(
     }
     scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
-    let mut best: Option<(usize, ComposedFit)> = None;
+    let mut best: Option<ComposedFit> = None;
     for (number, candidate) in distinct(promising) {
         let (step, Some(base)) = (&steps[number], &bases[number]) else {
             continue;
@@ -158,20 +159,56 @@ pub fn extend(
         let found = step.refit(&candidate);
         let better = |found: &ComposedFit| {
             let known = best.as_ref();
-            known.is_none_or(|(_, known)| evidence(found) < evidence(known))
+            known.is_none_or(|known| evidence(found) < evidence(known))
         };
         if let Some(found) = found.filter(better) {
-            best = Some((number, found));
+            best = Some(found);
         }
     }
-    let fit = best.map(|(number, fit)| settled(&steps[number], fit));
     let name = steps.first().map_or("", |s| s.effect.declaration().name);
     Ok(Extension {
         effect: name,
         structure: extended,
         scores,
-        fit,
+        fit: best,
     })
+}
+
+/// `fit`, of a structure to which `effect` was added last, fitted to the end; its threshold in the middle
+/// of where it may lie. As it was where that ends higher.
+#[must_use]
+pub fn refine(
+    events: &[PreparedEvent],
+    fit: ComposedFit,
+    effect: &str,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> ComposedFit {
+    let Some(effect) = effects::find(effect) else {
+        return fit;
+    };
+    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    let found = fit_rows(
+        &rows,
+        &fit.model,
+        &fit.parameters,
+        &fit.free,
+        options,
+        cancel,
+    );
+    let lower =
+        |found: &ComposedFit| found.minus_twice_log_posterior() <= fit.minus_twice_log_posterior();
+    let mut best = found.filter(lower).unwrap_or_else(|| fit.clone());
+    best.evaluations += fit.evaluations;
+    let step = Step {
+        rows: &rows,
+        model: &fit.model,
+        effect,
+        origin: &fit,
+        options,
+        cancel,
+    };
+    settled(&step, best)
 }
 
 /// The fit of `origin` with `effect` in its structure although no candidate promised anything: its
@@ -200,11 +237,23 @@ fn promises(candidate: &Candidate) -> bool {
     candidate.score.gain > GAIN_MIN && candidate.score.visibility > VISIBILITY_MIN
 }
 
-/// The best candidates that are not one and the same.
-fn distinct(sorted: Vec<(usize, Candidate)>) -> Vec<(usize, Candidate)> {
+/// The best candidates that are not one and the same; the best of every origin is among them, for what
+/// is left of a bad fit by a linear extrapolation and what is left of a good one do not compare.
+fn distinct(mut sorted: Vec<(usize, Candidate)>) -> Vec<(usize, Candidate)> {
     let mut chosen: Vec<(usize, Candidate)> = Vec::new();
     let limit = (sorted.first()).map_or(f64::INFINITY, |(_, best)| LEFT_MAX * best.left);
-    for (number, candidate) in sorted.into_iter().filter(|(_, c)| c.left <= limit) {
+    let mut seen: Vec<usize> = Vec::new();
+    let mut first = |number: usize| {
+        let new = !seen.contains(&number);
+        if new {
+            seen.push(number);
+        }
+        new
+    };
+    let (firsts, others): (Vec<_>, Vec<_>) =
+        sorted.drain(..).partition(|(number, _)| first(*number));
+    let others = others.into_iter().filter(|(_, c)| c.left <= limit);
+    for (number, candidate) in firsts.into_iter().chain(others) {
         let near = |a: f64, b: f64| (a - b).abs() <= ALIKE * a.abs().max(b.abs());
         let alike = |(other, known): &(usize, Candidate)| {
             let pairs = (known.score.amplitudes.iter()).zip(&candidate.score.amplitudes);
@@ -219,7 +268,7 @@ fn distinct(sorted: Vec<(usize, Candidate)>) -> Vec<(usize, Candidate)> {
     chosen
 }
 
-/// What the fits of one structure from several starts are compared by: the objective, and half of
+/// What the fits of one structure from several starts are compared by: the posterior, and half of
 /// `ln N` for every parameter that the data determine better than its prior. A relay that never operates
 /// costs nothing, one that follows a single sample must be worth it.
 fn evidence(fit: &ComposedFit) -> f64 {
@@ -232,7 +281,8 @@ fn evidence(fit: &ComposedFit) -> f64 {
         let error = fit.standard_error(index).map(|e| e / scale);
         error.is_none_or(|e| e < DETERMINED * declared.prior.deviation)
     });
-    fit.objective + 0.5 * (fit.rows.max(1) as f64).ln() * determined.count() as f64
+    0.5 * fit.minus_twice_log_posterior()
+        + 0.5 * (fit.rows.max(1) as f64).ln() * determined.count() as f64
 }
 
 impl Step<'_> {

@@ -8,7 +8,7 @@ use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
     problem::{ComposedProblem, Linearised},
-    rows::{EventRows, Scatter, random_effects},
+    rows::{EventRows, LINEAR_COUNT, Scatter, random_effects},
 };
 use crate::{
     identification::intake::PreparedEvent,
@@ -27,6 +27,33 @@ pub struct ComposedFitOptions {
     pub settled_relative: f64,
     /// The local solver.
     pub local: local_solver::Options,
+}
+
+/// A coarse fit ends when a step promises less than this share of the objective: about one unit of it
+/// where the noise is reached, a tenth of what separates two structures by the criterion ...
+const COARSE_DECREASE_RELATIVE: f64 = 3e-4;
+/// ... or after so many calls.
+const COARSE_EVALUATIONS_MAX: u64 = 16;
+/// A start that leaves more than this per row is first brought nearer with the noise alone.
+const APPROACHED: f64 = 4.0;
+/// A fit that leaves more than this per row is no nearer to the truth for being exact.
+const FAR: f64 = 25.0;
+
+impl ComposedFitOptions {
+    /// Enough to tell which of many starts and candidates are worth a fit to the end.
+    #[must_use]
+    pub fn coarse(&self) -> Self {
+        let local = local_solver::Options {
+            evaluations_max: self.local.evaluations_max.min(COARSE_EVALUATIONS_MAX),
+            decrease_relative: self.local.decrease_relative.max(COARSE_DECREASE_RELATIVE),
+            ..self.local
+        };
+        Self {
+            rounds_max: 1,
+            local,
+            ..*self
+        }
+    }
 }
 
 impl Default for ComposedFitOptions {
@@ -139,27 +166,117 @@ pub(super) fn fit_rows(
         scatter: &options.scatter,
         cancel,
     };
-    let bounds = coordinates.bounds();
-    let mut x = coordinates.unknowns(start);
-    let mut evaluations = 0;
-    let mut before = f64::INFINITY;
-    let mut lowest = None;
-    for round in 1..=options.rounds_max.max(1) {
-        let problem = place.problem(&x, lowest)?;
-        let found = local_solver::minimise(&problem, &bounds, &x, &options.local, cancel).ok()?;
-        evaluations += found.cost.evaluations();
-        x.clone_from(&found.x);
-        lowest = problem.into_lowest();
-        let settled = before - found.value < options.settled_relative * found.value;
-        if settled || round >= options.rounds_max {
-            return place.finished(&x, lowest, evaluations);
-        }
-        before = found.value;
+    let mut fitting = Fitting {
+        place,
+        options,
+        coarse: options.coarse().local,
+        x: coordinates.unknowns(start),
+        lowest: None,
+        evaluations: 0,
+    };
+    if !fitting.is_far()? {
+        return fitting.settle();
     }
-    None
+    fitting.approach()?;
+    let near = fitting.finished()?;
+    let settled = fitting.settle();
+    let lower =
+        |fit: &ComposedFit| fit.minus_twice_log_posterior() <= near.minus_twice_log_posterior();
+    Some(settled.filter(lower).unwrap_or(near))
+}
+
+/// A fit under way.
+struct Fitting<'a> {
+    place: Place<'a>,
+    options: &'a ComposedFitOptions,
+    coarse: local_solver::Options,
+    x: DVector<f64>,
+    /// The simulation at `x`, where it is known.
+    lowest: Option<Linearised>,
+    evaluations: u64,
+}
+
+impl Fitting<'_> {
+    /// Whether the start leaves more than [`APPROACHED`] per row.
+    fn is_far(&mut self) -> Option<bool> {
+        let problem = self.place.problem(&self.x, None)?;
+        let squares: f64 = problem.known_squares()?.iter().sum();
+        self.lowest = problem.into_lowest();
+        let count: usize = self.place.rows.iter().map(EventRows::count).sum();
+        Some(squares > APPROACHED * count as f64)
+    }
+
+    /// Comes near with the noise alone. With what varies from event to event marginalised, a model that
+    /// misses by many times that variation slides along it for nothing, and the covariances, renewed,
+    /// find it farther away than it was.
+    fn approach(&mut self) -> Option<()> {
+        let scatter = Scatter {
+            composition: [0.0; LINEAR_COUNT],
+            effect_share: 0.0,
+        };
+        let place = Place {
+            scatter: &scatter,
+            ..self.place
+        };
+        let problem = place.problem(&self.x, self.lowest.take())?;
+        let settings = local_solver::Options {
+            evaluations_max: self.options.local.evaluations_max,
+            ..self.coarse
+        };
+        let bounds = self.place.coordinates.bounds();
+        let found =
+            local_solver::minimise(&problem, &bounds, &self.x, &settings, place.cancel).ok()?;
+        self.evaluations += found.cost.evaluations();
+        self.x = found.x;
+        self.lowest = problem.into_lowest();
+        Some(())
+    }
+
+    /// Rounds of fits, each with the covariances of where the one before ended.
+    fn settle(&mut self) -> Option<ComposedFit> {
+        let bounds = self.place.coordinates.bounds();
+        let mut before = f64::INFINITY;
+        let count: usize = self.place.rows.iter().map(EventRows::count).sum();
+        let first = local_solver::Options {
+            evaluations_max: self.options.local.evaluations_max,
+            ..self.coarse
+        };
+        for round in 1..=self.options.rounds_max.max(1) {
+            let problem = self.place.problem(&self.x, self.lowest.take())?;
+            let cancel = self.place.cancel;
+            let mut solve = |x: &DVector<f64>, settings: &local_solver::Options| {
+                let found = local_solver::minimise(&problem, &bounds, x, settings, cancel).ok()?;
+                self.evaluations += found.cost.evaluations();
+                Some(found)
+            };
+            let local = &self.options.local;
+            let mut found = solve(&self.x, if round == 1 { &first } else { local })?;
+            let far = 2.0 * found.value > FAR * count as f64;
+            if round == 1 && !far && *local != first {
+                found = solve(&found.x, local)?;
+            }
+            self.x = found.x;
+            self.lowest = problem.into_lowest();
+            let settled = far || before - found.value < self.options.settled_relative * found.value;
+            if settled {
+                break;
+            }
+            before = found.value;
+        }
+        self.finished()
+    }
+
+    fn finished(&mut self) -> Option<ComposedFit> {
+        let (fit, lowest) = self
+            .place
+            .finished(&self.x, self.lowest.take(), self.evaluations)?;
+        self.lowest = lowest;
+        Some(fit)
+    }
 }
 
 /// What stays the same in a fit.
+#[derive(Clone, Copy)]
 pub(super) struct Place<'a> {
     pub(super) rows: &'a [EventRows<'a>],
     pub(super) model: &'a ComposedModel,
@@ -201,13 +318,12 @@ impl<'a> Place<'a> {
         x: &DVector<f64>,
         known: Option<Linearised>,
         evaluations: u64,
-    ) -> Option<ComposedFit> {
+    ) -> Option<(ComposedFit, Option<Linearised>)> {
         let problem = self.problem(x, known)?;
         let parameters = self.coordinates.parameters(x);
         let expansion = problem.expansion(x)?;
         let covariances = &problem.covariances;
-        let lowest = problem.lowest.lock().ok()?;
-        let squares = lowest.as_ref()?.0.squares(covariances);
+        let squares = problem.known_squares()?;
         let determinants: f64 = covariances
             .iter()
             .map(EventCovariance::log_determinant)
@@ -219,7 +335,7 @@ impl<'a> Place<'a> {
                 slopes[i] * inverse[(i, j)] * slopes[j]
             })
         });
-        Some(ComposedFit {
+        let fit = ComposedFit {
             model: self.model.clone(),
             free: self.coordinates.indices(),
             objective: expansion.value,
@@ -229,7 +345,8 @@ impl<'a> Place<'a> {
             covariance,
             evaluations,
             parameters,
-        })
+        };
+        Some((fit, problem.into_lowest()))
     }
 }
 

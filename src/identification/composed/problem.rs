@@ -127,6 +127,12 @@ impl ComposedProblem<'_> {
         lowest.map(|(point, _)| point)
     }
 
+    /// `r' Sigma^-1 r` of every event at the lowest point that was expanded.
+    pub(super) fn known_squares(&self) -> Option<Vec<f64>> {
+        let lowest = self.lowest.lock().ok()?;
+        Some(lowest.as_ref()?.0.squares(&self.covariances))
+    }
+
     /// `sum_e r' Sigma^-1 r` for each event.
     fn squares(&self, parameters: &[f64]) -> Option<Vec<f64>> {
         let square = |(event, covariance): (&EventRows<'_>, &EventCovariance)| {

@@ -18,7 +18,7 @@ use crate::{
 /// First of the linear coefficients in a composed model's vector.
 const LINEAR_FIRST: usize = 3;
 /// Linear coefficients: motor share, `c_z`, `c_i`, `d_z`, `d_i`.
-const LINEAR_COUNT: usize = 5;
+pub(super) const LINEAR_COUNT: usize = 5;
 /// Spread of an effect's share from event to event, relative to the share.
 const EFFECT_SPREAD_RELATIVE: f64 = 0.06;
 

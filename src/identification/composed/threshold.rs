@@ -82,7 +82,7 @@ fn centred(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {
         return None;
     }
     let middle = at(0.5 * (low + high));
-    let mut moved = fixed.finished(&middle, None, fit.evaluations)?;
+    let (mut moved, _) = fixed.finished(&middle, None, fit.evaluations)?;
     if let Some(covariance) = &mut moved.covariance {
         covariance.row_mut(place).fill(0.0);
         covariance.column_mut(place).fill(0.0);
