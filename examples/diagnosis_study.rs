@@ -126,6 +126,8 @@ fn main() {
     if asked.only.is_none() {
         cases.extend((0..asked.plain).map(|number| ("none", number, Vec::new())));
     }
+    // Interrupted, it has tried every effect about as often.
+    cases.sort_by_key(|(_, number, _)| *number);
     let begun = Instant::now();
     for (truth, number, effects) in cases {
         let code = Effect::ALL

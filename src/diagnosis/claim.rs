@@ -28,7 +28,26 @@ pub(super) struct Evidence {
     pub(super) squares_after: f64,
     /// Against the gate; none where there is none.
     pub(super) gate: Option<GateEvidence>,
+    /// What the criterion gains by the best other effect, over what it gains by this one.
+    pub(super) runner_up: f64,
 }
+
+impl Evidence {
+    /// Whether no other effect comes near.
+    fn stands_out(&self, options: &ClaimOptions) -> bool {
+        self.runner_up <= options.distinct_runner_up
+    }
+
+    /// Whether the model follows the events, the held-out ones too, as well as the noise allows
+    /// already.
+    fn at_floor(&self, options: &ClaimOptions) -> bool {
+        let adequate = |g: GateEvidence| g.before < ADEQUATE_FLOORS * options.floor;
+        self.chi_square_before <= options.floor && self.gate.is_none_or(adequate)
+    }
+}
+
+/// A model that leaves less than this many times the floor is adequate.
+pub(super) const ADEQUATE_FLOORS: f64 = 2.0;
 
 /// Share by which a value falls. What cannot be simulated has an infinite misfit.
 fn fall(before: f64, after: f64) -> f64 {
@@ -43,6 +62,26 @@ fn fall(before: f64, after: f64) -> f64 {
     }
 }
 
+/// Share by which a claim lowers the weighted squares of the fitted events.
+fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
+    if !evidence.at_floor(options) {
+        options.fall_min
+    } else if evidence.stands_out(options) {
+        options.distinct_fall_min
+    } else {
+        options.fall_min_at_floor
+    }
+}
+
+/// The same of the held-out events. An effect that stands out at the floor needs less there too.
+fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
+    if evidence.at_floor(options) && evidence.stands_out(options) {
+        options.distinct_fall_min
+    } else {
+        options.held_out_fall_min
+    }
+}
+
 /// Why this effect may not be declared, each with its figure; empty when it may.
 pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<String> {
     let mut list = Vec::new();
@@ -53,11 +92,7 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
         ));
     }
     let own = fall(evidence.chi_square_before, evidence.chi_square_after);
-    let needed = if evidence.chi_square_before > options.floor {
-        options.fall_min
-    } else {
-        options.fall_min_at_floor
-    };
+    let needed = needed_fall(evidence, options);
     if own < needed {
         list.push(format!(
             "the misfit of the fitted events falls by {:.1} %; a claim needs {:.0} %",
@@ -73,11 +108,12 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
     }
     if let Some(gate) = evidence.gate {
         let held_out = fall(gate.before, gate.after);
-        if held_out < options.held_out_fall_min {
+        let needed = needed_held_out_fall(evidence, options);
+        if held_out < needed {
             list.push(format!(
                 "the misfit of the held-out events falls by {:.1} %; a claim needs {:.0} %",
                 100.0 * held_out,
-                100.0 * options.held_out_fall_min
+                100.0 * needed
             ));
         }
     }
@@ -150,6 +186,7 @@ mod tests {
             amplitude_over_meaningful: 3.0,
             at_bound: false,
             squares_after: 1000.0 * after,
+            runner_up: 0.9,
             gate: Some(GateEvidence {
                 before: 12.0,
                 after: after * 1.2,
@@ -183,6 +220,33 @@ mod tests {
         assert!(objections(&failed, &options)[0].contains("held-out"));
         let ungated = Evidence { gate: None, ..good };
         assert!(objections(&ungated, &options).is_empty());
+    }
+
+    #[test]
+    fn at_the_floor_an_effect_that_stands_out_needs_less() {
+        let options = ClaimOptions::default();
+        let small = Evidence {
+            chi_square_before: 0.50,
+            gate: Some(GateEvidence {
+                before: 0.60,
+                after: 0.56,
+            }),
+            ..evidence(-300.0, 0.465, true)
+        };
+        // 7 % on the fitted events and on the others.
+        assert_eq!(objections(&small, &options).len(), 2);
+        let alone = Evidence {
+            runner_up: 0.2,
+            ..small.clone()
+        };
+        assert!(objections(&alone, &options).is_empty());
+        // Where the held-out events are not followed, the model is not at the floor.
+        let gate = Some(GateEvidence {
+            before: 1.6,
+            after: 0.5,
+        });
+        let elsewhere = Evidence { gate, ..small };
+        assert!(objections(&elsewhere, &options).is_empty());
     }
 
     #[test]

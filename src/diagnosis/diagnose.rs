@@ -135,7 +135,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
                 .filter_map(|t| t.fit.as_ref())
                 .map(|f| f.evaluations)
                 .sum(),
-            refits: trials().filter(|t| t.fit.is_some()).count() as u64,
+            refits: trials().filter(|t| t.tried).count() as u64,
             seconds: 0.0,
         },
     })
@@ -185,6 +185,9 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
         let declared = answer.contains(&place);
         let refused = match evidence {
             _ if declared => Vec::new(),
+            None if trial.tried => {
+                vec!["no fit with it follows the events better than without it".to_owned()]
+            }
             None => vec!["the linear screen finds too little of it in the residuals".to_owned()],
             Some(e) => objections(e, &case.options.claim),
         };

@@ -45,6 +45,10 @@ pub struct ClaimOptions {
     pub fall_min: f64,
     /// ... or this one, where they are at the floor already.
     pub fall_min_at_floor: f64,
+    /// An effect stands out where every other one gains at most this share of what it gains ...
+    pub distinct_runner_up: f64,
+    /// ... and then needs this share only, of the fitted and of the held-out events, at the floor.
+    pub distinct_fall_min: f64,
     /// A rival is in the answer set when its criterion is behind the best by at most this share of
     /// the best gain ...
     pub rival_share: f64,
@@ -71,6 +75,8 @@ impl Default for ClaimOptions {
             held_out_fall_min: 0.10,
             fall_min: 0.05,
             fall_min_at_floor: 0.10,
+            distinct_runner_up: 0.6,
+            distinct_fall_min: 0.05,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
             delta_bic_near: 10.0,

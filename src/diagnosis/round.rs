@@ -2,7 +2,7 @@
 
 use super::{
     case::Case,
-    claim::{Evidence, answer_set, decisive, objections, reaches},
+    claim::{ADEQUATE_FLOORS, Evidence, answer_set, decisive, objections, reaches},
     outcome::Status,
     trials::{Fitted, Trial, addable, trials},
 };
@@ -246,7 +246,7 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
             Status::CannotJudge,
             "one event cannot show whether what explains it holds for others".to_owned(),
         )
-    } else if chi_square < 2.0 * options.floor {
+    } else if chi_square < ADEQUATE_FLOORS * options.floor {
         (
             Status::Adequate,
             format!(
@@ -279,7 +279,7 @@ fn companion_decision(
     place: usize,
 ) -> Decision {
     let chi_square = with.chi_square();
-    let enough = chi_square < 2.0 * case.options.claim.floor;
+    let enough = chi_square < ADEQUATE_FLOORS * case.options.claim.floor;
     let after = own
         .evidence
         .as_ref()

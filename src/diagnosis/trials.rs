@@ -21,8 +21,14 @@ use crate::{
 
 /// A score below this many times the logarithm of the number of rows cannot win by any criterion.
 const HOPELESS_GAIN: f64 = 1.0;
+/// Nor one below this part of the least fall that a claim needs: refits gained up to five times their
+/// score.
+const HOPELESS_SHARE: f64 = 0.1;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
+
+/// Effects that gain at least this share of what the best one gains are fitted to the end.
+const REFINED_SHARE: f64 = 0.4;
 
 /// One effect on top of a structure.
 pub(super) struct Trial {
@@ -31,7 +37,9 @@ pub(super) struct Trial {
     pub(super) score: Score,
     /// Share of the baseline's weighted squares that the score would remove.
     pub(super) score_share: f64,
-    /// The refit on all judged events.
+    /// Whether it was refitted.
+    pub(super) tried: bool,
+    /// The refit on all judged events; none without one, or where none follows the events better.
     pub(super) fit: Option<ComposedFit>,
     /// Figures for the decision; none without a refit.
     pub(super) evidence: Option<Evidence>,
@@ -75,7 +83,8 @@ pub(super) fn trials(
 ) -> Result<Vec<Trial>, IdentificationError> {
     let mut list = screened(case, base, names)?;
     let rows = base.baseline.all.rows as f64;
-    let worth = |t: &Trial| t.score.gain > HOPELESS_GAIN * rows.ln();
+    let needed = HOPELESS_SHARE * case.options.claim.fall_min;
+    let worth = |t: &Trial| t.score.gain > HOPELESS_GAIN * rows.ln() && t.score_share >= needed;
     let refits = list
         .iter()
         .filter(|t| worth(t))
@@ -89,21 +98,45 @@ pub(super) fn trials(
     {
         case.watcher
             .says(format!("trying {}", trial.name()), done, refits);
-        refit(case, base, trial)?;
+        trial.tried = true;
+        trial.fit = base.baseline.sketched(
+            &case.judged,
+            trial.name(),
+            &case.options.composed,
+            case.watcher.cancel,
+        )?;
+        case.watcher.check()?;
     }
+    refine(case, base, &mut list)?;
     list.sort_by(|a, b| {
         let by_criterion = a.delta_bic().total_cmp(&b.delta_bic());
         by_criterion.then_with(|| b.score.gain.total_cmp(&a.score.gain))
     });
+    rank(&mut list);
     for (place, trial) in list.iter_mut().enumerate() {
         case.watcher.check()?;
         let claimable = |e: &Evidence| objections(e, &case.options.claim).is_empty();
-        // Whatever might be claimed is held against the gate; of the others the best are, for the table.
+        // Whatever might be claimed is held against the gate; of the others the best are, for the table and
+        // because the gate may tell that the model is not at the floor.
         if place < GATED_MIN || trial.evidence.as_ref().is_some_and(claimable) {
             hold_against_gate(case, base, trial);
         }
     }
     Ok(list)
+}
+
+/// How near the best other effect comes to each.
+fn rank(list: &mut [Trial]) {
+    let gains: Vec<f64> = (list.iter())
+        .map(|trial| (-trial.delta_bic()).max(0.0))
+        .collect();
+    for (place, trial) in list.iter_mut().enumerate() {
+        let others = gains.iter().enumerate().filter(|(k, _)| *k != place);
+        let best = others.map(|(_, gain)| *gain).fold(0.0, f64::max);
+        if let Some(evidence) = &mut trial.evidence {
+            evidence.runner_up = best / gains[place].max(f64::MIN_POSITIVE);
+        }
+    }
 }
 
 /// Effects that may be added to a structure.
@@ -143,6 +176,7 @@ fn screened(
             declaration: effect.declaration(),
             score_share: (score.gain / squares.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
             score,
+            tried: false,
             fit: None,
             evidence: None,
         });
@@ -151,32 +185,45 @@ fn screened(
     Ok(list)
 }
 
-fn refit(case: &Case<'_>, base: &Fitted, trial: &mut Trial) -> Result<(), IdentificationError> {
-    let baseline = &base.baseline;
-    let added = baseline.extended(
-        &case.judged,
-        trial.name(),
-        &case.options.composed,
-        case.watcher.cancel,
-    )?;
-    case.watcher.check()?;
-    let Some(added) = added else { return Ok(()) };
-    let before = &baseline.all;
-    let (value, meaningful) = amplitude(trial.declaration, &added);
-    trial.evidence = Some(Evidence {
+/// Fits the sketches that come near the best one to the end, and gathers what speaks for each.
+fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), IdentificationError> {
+    let before = base.baseline.all.criterion();
+    let gain = |fit: &ComposedFit| before - fit.criterion();
+    let best = (list.iter().filter_map(|t| t.fit.as_ref()))
+        .map(gain)
+        .fold(0.0, f64::max);
+    for trial in list {
+        let Some(mut fit) = trial.fit.take() else {
+            continue;
+        };
+        if gain(&fit) > 0.0 && gain(&fit) >= REFINED_SHARE * best {
+            let options = &case.options.composed;
+            let cancel = case.watcher.cancel;
+            fit = composed::refine(&case.judged, fit, trial.declaration.name, options, cancel);
+            case.watcher.check()?;
+        }
+        trial.evidence = Some(evidence(base, trial, &fit));
+        trial.fit = Some(fit);
+    }
+    Ok(())
+}
+
+fn evidence(base: &Fitted, trial: &Trial, added: &ComposedFit) -> Evidence {
+    let before = &base.baseline.all;
+    let (value, meaningful) = amplitude(trial.declaration, added);
+    Evidence {
         physics: trial.declaration.kind == Kind::Physics,
         delta_bic: added.criterion() - before.criterion(),
         chi_square_before: before.chi_square_per_row(),
         chi_square_after: added.chi_square_per_row(),
         amplitude_over_meaningful: value / meaningful,
-        at_bound: composed_parameters(&added, trial.name())
+        at_bound: composed_parameters(added, trial.name())
             .iter()
             .any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
         squares_after: added.squares.iter().sum(),
         gate: None,
-    });
-    trial.fit = Some(added);
-    Ok(())
+        runner_up: 0.0,
+    }
 }
 
 fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {
