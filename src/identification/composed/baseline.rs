@@ -16,6 +16,8 @@ use crate::{
 
 /// Above this multiple of the noise (squared, per row) the mildest events are fitted by themselves.
 const BAD_FIT: f64 = 2.5;
+/// Above this multiple a fit is not brought to its end.
+const NEAR: f64 = 10.0;
 /// Below this the mildest events count as fitted.
 const GOOD_FIT: f64 = 1.6;
 /// Shares of the events, mildest first, that are tried.
@@ -162,14 +164,21 @@ pub fn baseline(
 ) -> Option<Baseline> {
     let model = ComposedModel::new(structure);
     let free = base_parameters(&model);
-    let fitted = |events: &[PreparedEvent], solution: &FitSolution| {
+    let coarse = options.coarse();
+    let sketched = |events: &[PreparedEvent], solution: &FitSolution| {
         EASED.into_iter().find_map(|share| {
             let mut from = start(&model, solution);
             from[KAPPA] *= share;
-            fit(events, &model, &from, &free, options, cancel)
+            fit(events, &model, &from, &free, &coarse, cancel)
         })
     };
-    let all = fitted(events, best)?;
+    // What is far from the events is only a start, and no better one for being exact.
+    let refined = |events: &[PreparedEvent], sketch: ComposedFit| {
+        let near = sketch.chi_square_per_row() < NEAR;
+        let found = near.then(|| fit(events, &model, &sketch.parameters, &free, options, cancel));
+        found.flatten().unwrap_or(sketch)
+    };
+    let all = refined(events, sketched(events, best)?);
     let mut result = Baseline {
         structure: structure.clone(),
         all,
@@ -196,8 +205,10 @@ pub fn baseline(
         let Some(found) = search(&mild, *problem, &options_of_search, cancel) else {
             continue;
         };
-        let candidate = found.solutions.first().and_then(|s| fitted(&mild, s));
-        let Some(candidate) = candidate else { continue };
+        let candidate = found.solutions.first().and_then(|s| sketched(&mild, s));
+        let Some(candidate) = candidate.map(|c| refined(&mild, c)) else {
+            continue;
+        };
         let chi_square = candidate.chi_square_per_row();
         let known = result.mild.as_ref();
         if known.is_none_or(|(_, known)| chi_square < known.chi_square_per_row()) {

@@ -177,8 +177,11 @@ pub(super) fn fit_rows(
     if !fitting.is_far()? {
         return fitting.settle();
     }
-    fitting.approach()?;
+    let left = fitting.approach()?;
     let near = fitting.finished()?;
+    if left > FAR {
+        return Some(near);
+    }
     let settled = fitting.settle();
     let lower =
         |fit: &ComposedFit| fit.minus_twice_log_posterior() <= near.minus_twice_log_posterior();
@@ -208,8 +211,8 @@ impl Fitting<'_> {
 
     /// Comes near with the noise alone. With what varies from event to event marginalised, a model that
     /// misses by many times that variation slides along it for nothing, and the covariances, renewed,
-    /// find it farther away than it was.
-    fn approach(&mut self) -> Option<()> {
+    /// find it farther away than it was. What is left per row, noise alone.
+    fn approach(&mut self) -> Option<f64> {
         let scatter = Scatter {
             composition: [0.0; LINEAR_COUNT],
             effect_share: 0.0,
@@ -229,7 +232,8 @@ impl Fitting<'_> {
         self.evaluations += found.cost.evaluations();
         self.x = found.x;
         self.lowest = problem.into_lowest();
-        Some(())
+        let count: usize = self.place.rows.iter().map(EventRows::count).sum();
+        Some(2.0 * found.value / count as f64)
     }
 
     /// Rounds of fits, each with the covariances of where the one before ended.
