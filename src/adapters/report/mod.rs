@@ -9,6 +9,7 @@ pub(in crate::adapters) mod decimate;
 mod diagnosis;
 mod diagnosis_tables;
 mod document;
+mod effect_picture;
 mod event;
 mod failure_figures;
 mod figure;
@@ -30,6 +31,7 @@ pub(crate) mod fixture;
 
 pub use diagnosis::render_diagnosis;
 pub use document::{Report, Rival, Search, render};
+pub use effect_picture::{PictureError, effect_residuals};
 pub use figure::ReportError;
 pub use improvement::render_improvement;
 pub use profile::profile_svg;
