@@ -10,6 +10,8 @@
     reason = "a test that cannot make its site should fail"
 )]
 
+mod pairs;
+
 use loadmodeld::{
     adapters::recordings::site_folder,
     diagnosis::{Change, Diagnosis, DiagnosisOptions, Status, diagnose, improve},

@@ -234,6 +234,7 @@ impl Study {
             width_px: WIDTH_PX,
             horizontal: (-ONSET_S, end_s),
             horizontal_title: "time since the onset, s".to_owned(),
+            counts: false,
             panels,
         }
     }
