@@ -7,10 +7,7 @@
 //!
 //! FEEDER is a part of the names of its current channels. With PARTS the recording is cut into so many
 //! events of equal length: one event alone leaves nothing to hold a model against.
-#![allow(
-    clippy::print_stdout,
-    reason = "an example speaks to whoever runs it"
-)]
+#![allow(clippy::print_stdout, reason = "an example speaks to whoever runs it")]
 
 use std::{error::Error, path::Path};
 

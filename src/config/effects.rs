@@ -61,7 +61,11 @@ impl Config {
                 let message = format!("`{}`: {error}", site.site.name);
                 list.push(problem("site.structure", message));
             }
-            for error in Ranges::new(site.parameters.clone()).err().into_iter().flatten() {
+            for error in Ranges::new(site.parameters.clone())
+                .err()
+                .into_iter()
+                .flatten()
+            {
                 let message = format!("`{}`: {error}", site.site.name);
                 list.push(problem("site.parameter", message));
             }
@@ -128,6 +132,9 @@ mod tests {
         let config = Config::parse(&text(60.0), "c.toml").unwrap();
         let told = config.register_effects(&[], "c.toml").unwrap_err();
         let told = told.to_string();
-        assert!(told.contains("`north`: `second_motor.inertia_s`: upper is 60"), "{told}");
+        assert!(
+            told.contains("`north`: `second_motor.inertia_s`: upper is 60"),
+            "{told}"
+        );
     }
 }

@@ -7,11 +7,7 @@ use loadmodeld::{
         intake::{IntakeOptions, PreparedEvent, prepare},
     },
     load_model::{
-        Structure,
-        composed::ComposedModel,
-        effect::Role,
-        effects,
-        structure::StructureError,
+        Structure, composed::ComposedModel, effect::Role, effects, structure::StructureError,
     },
     truth::Effect,
 };

@@ -209,10 +209,8 @@ impl Study {
     }
 
     fn figure(&self, effect: &str, residuals: &[[Vec<f64>; 2]]) -> Figure {
-        let end_s = self
-            .dips
-            .first()
-            .map_or(0.0, |dip| dip.time_s(dip.samples.len() - 1));
+        let first = self.dips.first();
+        let end_s = first.map_or(0.0, |dip| time_s(dip.samples.len() - 1));
         let voltages: Vec<Vec<f64>> = self.dips.iter().map(Dip::voltage).collect();
         let percent = |c: usize| -> Vec<Vec<f64>> {
             let of_dip = |left: &[Vec<f64>; 2]| left[c].iter().map(|x| 100.0 * x).collect();
@@ -220,9 +218,9 @@ impl Study {
         };
         let key = "dips of 10 % (thin, green), 30 % (blue), 50 % (thick, orange)";
         let panels = vec![
-            self.panel(format!("voltage, of V0; {key}"), 70, &voltages, false),
-            self.panel("residual of P, % of P0".to_owned(), 130, &percent(0), true),
-            self.panel("residual of Q, % of P0".to_owned(), 130, &percent(1), true),
+            panel(format!("voltage, of V0; {key}"), 70, &voltages, false),
+            panel("residual of P, % of P0".to_owned(), 130, &percent(0), true),
+            panel("residual of Q, % of P0".to_owned(), 130, &percent(1), true),
         ];
         Figure {
             id: format!("residual-{effect}"),
@@ -236,47 +234,6 @@ impl Study {
             horizontal_title: "time since the onset, s".to_owned(),
             counts: false,
             panels,
-        }
-    }
-
-    fn panel(&self, title: String, height_px: u32, curves: &[Vec<f64>], has_zero: bool) -> Panel {
-        let values = || curves.iter().flatten().copied();
-        let (low, high) = (
-            values().fold(f64::INFINITY, f64::min),
-            values().fold(f64::NEG_INFINITY, f64::max),
-        );
-        // A residual of less than a tenth of a percent is drawn as the nothing it is.
-        let least = if has_zero { 0.1 } else { 0.0 };
-        let (low, high) = (low.min(-least), high.max(least));
-        let margin = 0.06 * (high - low);
-        let mut marks = Vec::new();
-        if has_zero {
-            marks.push(Mark::Level {
-                at: 0.0,
-                ink: Ink::Axis,
-            });
-        }
-        for ((dip, values), (_, ink, width_quarter_px)) in self.dips.iter().zip(curves).zip(DIPS) {
-            let mut shown = envelope(values, POINTS_SHOWN);
-            shown.extend(
-                (0..values.len())
-                    .filter(|&k| (ALL_SHOWN_S.0..=ALL_SHOWN_S.1).contains(&dip.time_s(k))),
-            );
-            shown.sort_unstable();
-            shown.dedup();
-            let shown = shown.into_iter();
-            marks.push(Mark::Line {
-                points: shown.map(|k| (dip.time_s(k), values[k])).collect(),
-                ink,
-                width_quarter_px,
-            });
-        }
-        Panel {
-            title,
-            height_px,
-            vertical: (low - margin, high + margin),
-            logarithmic: false,
-            marks,
         }
     }
 }
@@ -302,11 +259,6 @@ impl Dip {
             .map(|channel| self.samples.iter().map(|&k| channel[k]).collect())
     }
 
-    /// Seconds since the onset.
-    fn time_s(&self, sample: usize) -> f64 {
-        sample as f64 / RATE_FPS - ONSET_S
-    }
-
     fn voltage(&self) -> Vec<f64> {
         let real = self.input.real.iter().step_by(POINTS);
         let imaginary = self.input.imaginary.iter().step_by(POINTS);
@@ -325,6 +277,51 @@ impl Dip {
             })
             .collect()
     }
+}
+
+fn panel(title: String, height_px: u32, curves: &[Vec<f64>], has_zero: bool) -> Panel {
+    let values = || curves.iter().flatten().copied();
+    let (low, high) = (
+        values().fold(f64::INFINITY, f64::min),
+        values().fold(f64::NEG_INFINITY, f64::max),
+    );
+    // A residual of less than a tenth of a percent is drawn as the nothing it is.
+    let least = if has_zero { 0.1 } else { 0.0 };
+    let (low, high) = (low.min(-least), high.max(least));
+    let margin = 0.06 * (high - low);
+    let mut marks = Vec::new();
+    if has_zero {
+        marks.push(Mark::Level {
+            at: 0.0,
+            ink: Ink::Axis,
+        });
+    }
+    for (values, (_, ink, width_quarter_px)) in curves.iter().zip(DIPS) {
+        let mut shown = envelope(values, POINTS_SHOWN);
+        shown.extend(
+            (0..values.len()).filter(|&k| (ALL_SHOWN_S.0..=ALL_SHOWN_S.1).contains(&time_s(k))),
+        );
+        shown.sort_unstable();
+        shown.dedup();
+        let shown = shown.into_iter();
+        marks.push(Mark::Line {
+            points: shown.map(|k| (time_s(k), values[k])).collect(),
+            ink,
+            width_quarter_px,
+        });
+    }
+    Panel {
+        title,
+        height_px,
+        vertical: (low - margin, high + margin),
+        logarithmic: false,
+        marks,
+    }
+}
+
+/// Seconds since the onset.
+fn time_s(sample: usize) -> f64 {
+    sample as f64 / RATE_FPS - ONSET_S
 }
 
 /// Typical values; an amplitude of either sign that is typically absent is three times as large as what
