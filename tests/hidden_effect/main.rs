@@ -7,6 +7,7 @@
 //! (`docs/diagnosis-rates.md`).
 #![allow(
     clippy::unwrap_used,
+    clippy::panic,
     reason = "a test that cannot make its site should fail"
 )]
 
