@@ -9,12 +9,11 @@ use loadmodeld::{
     load_model::{
         Structure, composed::ComposedModel, effect::Role, effects, structure::StructureError,
     },
-    truth::Effect,
 };
 
-/// Two short dips of one site in which a block disconnects itself.
+/// The two deepest events of a site in which nothing is hidden.
 fn events() -> Vec<PreparedEvent> {
-    let (_, windows) = super::site(&[Effect::SelfDisconnection], 3);
+    let (_, windows) = super::site(&[], 1);
     let mut events: Vec<PreparedEvent> = windows
         .iter()
         .filter_map(|window: &Window| prepare(window, &IntakeOptions::default()).ok())
