@@ -50,6 +50,7 @@ pub fn run(args: &DiagnoseArgs, out: &mut dyn Write) -> Result<(), DiagnosingErr
     found.cost.seconds = begun.elapsed().as_secs_f64();
     diagnosing::with_screened(&mut found, &events);
     args.write_report(|| report::render_diagnosis(&found, env!("CARGO_PKG_VERSION")))?;
+    args.write_figures(|| report::diagnosis_figures(&found))?;
     if args.json {
         // Nothing stored: a diagnosis of the command line has no version.
         writeln!(out, "{}", DiagnosisV1::new(&found, 0).to_json()?)?;

@@ -12,7 +12,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::fitting::{Events, SourceArgs, SourceError};
 use crate::{
-    adapters::{report::ReportError, wire::DocumentError},
+    adapters::{
+        report::{NamedFigure, ReportError},
+        wire::DocumentError,
+    },
     diagnosis::{
         Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSplit, Progress,
         Segment, Status, StructureErrors, Unexplained, Untestable,
@@ -43,6 +46,9 @@ pub struct DiagnosisArgs {
     /// Writes one self-contained HTML page.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
+    /// Writes the figures of that page into this directory, an SVG file each.
+    #[arg(long, value_name = "DIR")]
+    pub svg: Option<PathBuf>,
 }
 
 /// Why there is no diagnosis.
@@ -70,6 +76,14 @@ pub enum DiagnosingError {
     #[error("cannot write the report to {}", .path.display())]
     WriteReport {
         /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A figure could not be written.
+    #[error("cannot write the figure {}", .path.display())]
+    WriteFigure {
+        /// The file or directory.
         path: PathBuf,
         /// What the system said.
         source: io::Error,
@@ -144,6 +158,32 @@ impl DiagnosisArgs {
             path: path.clone(),
             source,
         })
+    }
+}
+
+impl DiagnosisArgs {
+    /// Writes the figures where they were asked for.
+    ///
+    /// # Errors
+    ///
+    /// [`DiagnosingError::Report`], [`DiagnosingError::WriteFigure`].
+    pub(super) fn write_figures(
+        &self,
+        figures: impl FnOnce() -> Result<Vec<NamedFigure>, ReportError>,
+    ) -> Result<(), DiagnosingError> {
+        let Some(directory) = &self.svg else {
+            return Ok(());
+        };
+        let failed = |path: &Path| {
+            let path = path.to_owned();
+            |source| DiagnosingError::WriteFigure { path, source }
+        };
+        fs::create_dir_all(directory).map_err(failed(directory))?;
+        for figure in figures()? {
+            let path = directory.join(figure.name).with_extension("svg");
+            fs::write(&path, figure.svg).map_err(failed(&path))?;
+        }
+        Ok(())
     }
 }
 

@@ -62,6 +62,7 @@ pub fn run(args: &ImproveArgs, out: &mut dyn Write) -> Result<(), DiagnosingErro
     let seconds = begun.elapsed().as_secs_f64();
     diagnosing::with_screened(&mut done.last, &events);
     args.write_report(|| report::render_improvement(&done, env!("CARGO_PKG_VERSION")))?;
+    args.write_figures(|| report::improvement_figures(&done))?;
     if args.json {
         writeln!(out, "{}", ImprovementV1::new(&done)?.to_json()?)?;
         return Ok(());

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{Config, Problem, Problems};
 use crate::{
     adapters::effect_files,
-    load_model::{Structure, effects, user_effects::EffectFile},
+    load_model::{Ranges, Structure, effects, user_effects::EffectFile},
 };
 
 impl Config {
@@ -50,6 +50,7 @@ impl Config {
         files
     }
 
+    /// Structures, and the parameters of sites.
     fn check_structures(&self, list: &mut Vec<Problem>) {
         if let Err(error) = Structure::parse(&self.identification.structure) {
             list.push(problem("identification.structure", error.to_string()));
@@ -59,6 +60,14 @@ impl Config {
             if !inherited && let Err(error) = Structure::parse(&site.structure) {
                 let message = format!("`{}`: {error}", site.site.name);
                 list.push(problem("site.structure", message));
+            }
+            for error in Ranges::new(site.parameters.clone())
+                .err()
+                .into_iter()
+                .flatten()
+            {
+                let message = format!("`{}`: {error}", site.site.name);
+                list.push(problem("site.parameter", message));
             }
         }
     }
@@ -107,5 +116,25 @@ mod tests {
         assert!(told.to_string().contains("unknown model part `magic`"));
         config.identification.structure.pop();
         assert_eq!(config.register_effects(&[], "c.toml"), Ok(()));
+    }
+
+    #[test]
+    fn a_parameter_of_a_site_is_checked_against_its_declaration() {
+        let text = |upper: f64| {
+            format!(
+                "[[site]]\nname = \"north\"\ns_base_mva = 40\nv_base_kv = 110\nnominal_hz = 50\n\
+                 [[site.parameter]]\nname = \"second_motor.inertia_s\"\nlower = 0.3\nupper = {upper}\n"
+            )
+        };
+        let config = Config::parse(&text(0.9), "c.toml").unwrap();
+        assert_eq!(config.sites[0].parameters[0].upper, Some(0.9));
+        assert_eq!(config.register_effects(&[], "c.toml"), Ok(()));
+        let config = Config::parse(&text(60.0), "c.toml").unwrap();
+        let told = config.register_effects(&[], "c.toml").unwrap_err();
+        let told = told.to_string();
+        assert!(
+            told.contains("`north`: `second_motor.inertia_s`: upper is 60"),
+            "{told}"
+        );
     }
 }

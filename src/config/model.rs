@@ -5,6 +5,7 @@ use std::{net::SocketAddr, path::PathBuf, time::Duration};
 use crate::{
     adapters::c37118::{LoadMapping, PhasorSet, PowerSource},
     disturbance::{DetectorOptions, ScreeningOptions},
+    load_model::ParameterRange,
     measurement::{ConcentratorOptions, Site},
 };
 
@@ -57,6 +58,7 @@ impl Config {
             detection: self.detection,
             screening: self.screening,
             structure: self.identification.structure.clone(),
+            parameters: Vec::new(),
             recordings: Vec::new(),
             streams: Vec::new(),
         }
@@ -384,6 +386,8 @@ pub struct SiteConfig {
     pub screening: ScreeningOptions,
     /// Parts of the model, until somebody says otherwise.
     pub structure: Vec<String>,
+    /// Bounds and priors of parameters, as the file gives them.
+    pub parameters: Vec<ParameterRange>,
     /// How recorders' files are read; names are unique within the site.
     pub recordings: Vec<RecordingConfig>,
     /// How C37.118 frames are read; names are unique within the site.

@@ -114,6 +114,21 @@ impl<'a> Section<'a> {
         }
     }
 
+    /// A number within its range; none where the key is absent.
+    pub(super) fn number_if_given(
+        &mut self,
+        name: &'static str,
+        target: &mut Option<f64>,
+        range: (f64, f64),
+    ) {
+        if let Some(value) = self.value(name) {
+            match float(value.get_ref()) {
+                Some(number) if number >= range.0 && number <= range.1 => *target = Some(number),
+                _ => self.out_of_range(name, value, &between(range)),
+            }
+        }
+    }
+
     /// A number within its range, or 0 for none.
     pub(super) fn number_or_none(
         &mut self,

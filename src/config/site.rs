@@ -9,7 +9,10 @@ use super::{
     parse::{concentrator, detection, screening, structure},
     section::{Findings, Section},
 };
-use crate::measurement::{Channel, ConcentratorOptions, Site};
+use crate::{
+    load_model::ParameterRange,
+    measurement::{Channel, ConcentratorOptions, Site},
+};
 
 /// Reads every `[[site]]`; what a site does not say is taken from the sections for all sites.
 pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings {
@@ -37,6 +40,7 @@ pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings
         structure(&mut section, &mut site.structure);
         findings.add(detection(section.section("detection"), &mut site.detection));
         findings.add(screening(section.section("screening"), &mut site.screening));
+        findings.add(parameters(&mut section, &mut site.parameters));
         findings.add(recordings(&mut section, &mut site));
         findings.add(c37118::streams(&mut section, &mut site));
         findings.add(section.finish());
@@ -81,6 +85,24 @@ fn streams(section: &mut Section<'_>, to: &mut ConcentratorOptions) {
         _ => Err("\"angle\", \"negative_sequence\"".into()),
     });
     concentrator(section, to);
+}
+
+/// Whether the names are parameters, and the figures admissible, is looked at when all effects are known.
+fn parameters(section: &mut Section<'_>, to: &mut Vec<ParameterRange>) -> Findings {
+    const ANY: (f64, f64) = (-1e9, 1e9);
+    let mut findings = Findings::default();
+    for mut section in section.sections("parameter") {
+        let mut range = ParameterRange::default();
+        section.text("name", &mut range.name, |name| Ok(name.trim().to_owned()));
+        section.require("name", "the name of a parameter, such as \"motor_share\"");
+        section.number_if_given("lower", &mut range.lower, ANY);
+        section.number_if_given("upper", &mut range.upper, ANY);
+        section.number_if_given("centre", &mut range.centre, ANY);
+        section.number_if_given("deviation", &mut range.deviation, (1e-9, 1e9));
+        findings.add(section.finish());
+        to.push(range);
+    }
+    findings
 }
 
 fn recordings(section: &mut Section<'_>, site: &mut SiteConfig) -> Findings {

@@ -23,6 +23,7 @@ use crate::{
     identification::{
         DecisionOptions, IdentificationOptions, RobustLoss, Split, joint_problem::PAPER_SHARES,
     },
+    load_model::{RangeError, Ranges},
     measurement::phasor::{self, Connection},
     service::{ServiceOptions, SiteOptions},
 };
@@ -31,7 +32,7 @@ use crate::{
 const PRUNE_ROWS_MAX: usize = 500;
 
 /// A configuration asks for what cannot be done.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SettingsError {
     /// Sites that are not listed cannot be taken.
@@ -40,6 +41,19 @@ pub enum SettingsError {
          every site must be listed"
     )]
     UnlistedSites,
+    /// Bounds or priors of a site's parameters cannot be used.
+    #[error("site.parameter of `{site}`: {}", list(.sources))]
+    Parameters {
+        /// The site.
+        site: String,
+        /// Why not.
+        sources: Vec<RangeError>,
+    },
+}
+
+fn list(errors: &[RangeError]) -> String {
+    let words: Vec<String> = errors.iter().map(ToString::to_string).collect();
+    words.join("; ")
 }
 
 impl Settings {
@@ -55,6 +69,7 @@ impl Settings {
         Ok(Self {
             service: service(config),
             sites: config.sites.iter().map(site).collect(),
+            ranges: ranges(&config.sites)?,
             recorders: recorders(&config.sites),
             streams: streams(&config.sites),
             zenoh: zenoh(&config.zenoh),
@@ -154,6 +169,22 @@ fn site(site: &SiteConfig) -> SiteOptions {
         screening: site.screening,
         structure: site.structure.clone(),
     }
+}
+
+/// The ranges of the sites that have any.
+fn ranges(sites: &[SiteConfig]) -> Result<BTreeMap<String, Ranges>, SettingsError> {
+    let given = sites.iter().filter(|site| !site.parameters.is_empty());
+    let of_site = |site: &SiteConfig| {
+        let name = site.site.name.clone();
+        match Ranges::new(site.parameters.clone()) {
+            Ok(ranges) => Ok((name, ranges)),
+            Err(sources) => Err(SettingsError::Parameters {
+                site: name,
+                sources,
+            }),
+        }
+    };
+    given.map(of_site).collect()
 }
 
 fn recorders(sites: &[SiteConfig]) -> BTreeMap<(String, String), Recorder> {
@@ -265,6 +296,33 @@ mod tests {
         config.measurement.accept_unlisted_sites = true;
         let error = Settings::from_config(&config).unwrap_err();
         assert!(error.to_string().contains("accept_unlisted_sites"));
+    }
+
+    #[test]
+    fn a_sites_own_bounds_are_those_of_its_fits_and_diagnoses_and_of_no_other() {
+        let text = r#"
+            [[site]]
+            name = "north"
+            s_base_mva = 40
+            v_base_kv = 110
+            nominal_hz = 50
+            [[site.parameter]]
+            name = "motor_share"
+            lower = 0.3
+            [[site.parameter]]
+            name = "second_motor.inertia_s"
+            centre = 0.4
+            deviation = 0.1
+        "#;
+        let config = Config::parse(text, "test").unwrap();
+        let settings = Settings::from_config(&config).unwrap();
+        let north = settings.options_of("north");
+        for fit in [&north.identification, &north.diagnosis.identification] {
+            assert_eq!(fit.problem.linear_lower[0].to_bits(), 0.3_f64.to_bits());
+            let known = fit.ranges.of("second_motor.inertia_s").unwrap();
+            assert_eq!(known.centre, Some(0.4));
+        }
+        assert_eq!(settings.options_of("south"), settings.service);
     }
 
     #[test]

@@ -122,7 +122,7 @@ impl Fit {
         if windows.is_empty() {
             return Ok(no_set("no waveforms are kept any more".to_owned()));
         }
-        let options = &self.settings.service;
+        let options = &self.settings.options_of(&site.name);
         let structure = structures::in_force(self.store.as_ref(), &self.settings, &site.name)?;
         let cancel = || self.cancel.load(Ordering::Relaxed);
         if self.work.kind == WorkKind::Diagnosis {

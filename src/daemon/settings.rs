@@ -11,7 +11,7 @@ use crate::{
         wire::v1::{BatchLimits, RecordingLimits},
         zenoh::ZenohOptions,
     },
-    load_model::Structure,
+    load_model::{Ranges, Structure},
     service::{ServiceOptions, SiteOptions},
 };
 
@@ -22,6 +22,8 @@ pub struct Settings {
     pub service: ServiceOptions,
     /// The sites.
     pub sites: Vec<SiteOptions>,
+    /// Bounds and priors of a site's parameters, where its configuration gives any.
+    pub ranges: BTreeMap<String, Ranges>,
     /// How each recorder's files are read, by site and recorder. The recorder `*` stands for
     /// every other of its site.
     pub recorders: BTreeMap<(String, String), Recorder>,
@@ -63,6 +65,24 @@ impl Settings {
             || Structure::zip_im().names(),
             |site| site.structure.clone(),
         )
+    }
+
+    /// The settings by which a site is fitted and diagnosed: those of all, with its own bounds and
+    /// priors.
+    #[must_use]
+    pub fn options_of(&self, site: &str) -> ServiceOptions {
+        let mut options = self.service.clone();
+        if let Some(ranges) = self.ranges.get(site) {
+            for fit in [
+                &mut options.identification,
+                &mut options.diagnosis.identification,
+            ] {
+                fit.ranges = ranges.clone();
+                let problem = &mut fit.problem;
+                ranges.narrow_linear(&mut problem.linear_lower, &mut problem.linear_upper);
+            }
+        }
+        options
     }
 
     /// The recorder of that name at a site.

@@ -40,7 +40,8 @@ pub fn diagnose(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Diagnosis, IdentificationError> {
-    let parsed = Structure::parse(structure)?;
+    let ranges = options.identification.ranges.clone();
+    let parsed = Structure::parse(structure)?.with_ranges(ranges);
     let watcher = Watcher { progress, cancel };
     let judged = Case::new(site, windows, options, watcher).and_then(|mut case| {
         let base = case.baseline(&parsed)?;

@@ -53,7 +53,8 @@ pub fn improve(
     progress: &(dyn Fn(Progress) + Sync),
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<Improvement, IdentificationError> {
-    let parsed = Structure::parse(structure)?;
+    let ranges = options.identification.ranges.clone();
+    let parsed = Structure::parse(structure)?.with_ranges(ranges);
     let mut case = Case::new(site, windows, options, Watcher { progress, cancel })?;
     let base = case.baseline(&parsed)?;
     case.refuse_without_response(&base);
@@ -263,5 +264,5 @@ fn without(structure: &Structure, effect: &str) -> Result<Structure, Identificat
         .into_iter()
         .filter(|n| n != effect)
         .collect();
-    Ok(Structure::parse(&left)?)
+    Ok(Structure::parse(&left)?.with_ranges(structure.ranges().clone()))
 }

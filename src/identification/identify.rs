@@ -23,7 +23,7 @@ use super::{
 use crate::{
     disturbance::Window,
     load_model::{
-        LinearCoefficients, MotorCoordinates, Structure,
+        LinearCoefficients, MotorCoordinates, Ranges, Structure,
         composed::{ComposedModel, ModelParameter},
     },
     measurement::Site,
@@ -58,6 +58,9 @@ pub struct IdentificationOptions {
     pub validation: ValidationOptions,
     /// Whether samples with large residuals count less, and how. Default: no.
     pub robust: Option<RobustLoss>,
+    /// Bounds and priors of the site's parameters; linear coefficients have theirs in `problem`, too.
+    /// Default: as declared.
+    pub ranges: Ranges,
 }
 
 impl Default for IdentificationOptions {
@@ -69,6 +72,7 @@ impl Default for IdentificationOptions {
             split: Split::Share(0.33),
             validation: ValidationOptions::default(),
             robust: None,
+            ranges: Ranges::default(),
         }
     }
 }

@@ -92,7 +92,7 @@ pub(super) fn fit_site(
     options: &IdentificationOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<FittedSite, IdentificationError> {
-    let structure = Structure::parse(structure)?;
+    let structure = Structure::parse(structure)?.with_ranges(options.ranges.clone());
     let (events, refused) = prepare_all(windows, &options.intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });

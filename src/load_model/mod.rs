@@ -11,6 +11,7 @@ pub mod composed;
 pub mod effect;
 pub mod effects;
 pub mod induction_motor;
+pub mod ranges;
 pub mod structure;
 pub mod terminal;
 pub mod user_effects;
@@ -18,6 +19,7 @@ pub mod zip_im;
 
 pub use composed::{ComposedModel, Drive, Response, SimulationError};
 pub use induction_motor::{Infeasible, MotorCoordinates, MotorOutput};
+pub use ranges::{ParameterRange, RangeError, Ranges};
 pub use structure::Structure;
 pub use terminal::TerminalInput;
 pub use zip_im::{LinearCoefficients, LoadBase, ZipImParameters};

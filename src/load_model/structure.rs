@@ -1,12 +1,14 @@
 //! Which parts a model is made of.
 
-use super::{effect::Effect, effects};
+use super::{effect::Effect, effects, ranges::Ranges};
 
 /// A composed load model: `zip`, `induction_motor`, and effects. The parts are named as in the
 /// catalogue (`docs/effects`); the order is the order of the parameters.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Structure {
     parts: Vec<Part>,
+    /// What the site knows of the parameters.
+    ranges: Ranges,
 }
 
 /// A part of a model.
@@ -101,6 +103,7 @@ impl Structure {
     pub fn zip_im() -> Self {
         Self {
             parts: BASE.to_vec(),
+            ranges: Ranges::default(),
         }
     }
 
@@ -133,7 +136,10 @@ impl Structure {
                 return Err(StructureError::Absent { name });
             }
         }
-        let structure = Self { parts };
+        let structure = Self {
+            parts,
+            ranges: Ranges::default(),
+        };
         structure.check_exclusions()?;
         Ok(structure)
     }
@@ -146,7 +152,19 @@ impl Structure {
     pub fn with(&self, effect: &str) -> Result<Self, StructureError> {
         let mut names = self.names();
         names.push(effect.to_owned());
-        Self::parse(&names)
+        Ok(Self::parse(&names)?.with_ranges(self.ranges.clone()))
+    }
+
+    /// The same parts with the bounds and priors of a site, in place of those it had.
+    #[must_use]
+    pub fn with_ranges(self, ranges: Ranges) -> Self {
+        Self { ranges, ..self }
+    }
+
+    /// The bounds and priors of the site; empty where the declarations hold.
+    #[must_use]
+    pub const fn ranges(&self) -> &Ranges {
+        &self.ranges
     }
 
     /// Refuses a structure that the plain path of ZIP and motor would simulate without some part.
@@ -173,6 +191,7 @@ impl Structure {
         let kept = |p: &&Part| base.contains(&p.name) || p.name == PLAIN_EFFECT;
         Self {
             parts: self.parts.iter().filter(kept).copied().collect(),
+            ranges: self.ranges.clone(),
         }
     }
 

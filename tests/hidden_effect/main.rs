@@ -7,8 +7,11 @@
 //! (`docs/diagnosis-rates.md`).
 #![allow(
     clippy::unwrap_used,
+    clippy::panic,
     reason = "a test that cannot make its site should fail"
 )]
+
+mod pairs;
 
 use loadmodeld::{
     adapters::recordings::site_folder,

@@ -95,6 +95,7 @@ impl Scene {
         Settings {
             service,
             sites: sites.collect(),
+            ranges: BTreeMap::new(),
             recorders: BTreeMap::new(),
             streams: BTreeMap::new(),
             zenoh: ZenohOptions {

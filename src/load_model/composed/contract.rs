@@ -189,7 +189,12 @@ fn the_manual_has_one_current_page_per_effect() {
             .map_while(|line| line.strip_prefix("//!"))
             .map(|line| line.strip_prefix(' ').unwrap_or(line))
             .collect();
-        let expected = page(effect.declaration(), &header.join("\n"));
+        // The picture is kept current by `adapters::report`.
+        let picture = format!(
+            "![What is left of P and Q when {0} is missing, in dips of 10, 30 and 50 %]({0}.svg)\n",
+            name(effect)
+        );
+        let expected = page(effect.declaration(), &header.join("\n")) + "\n" + &picture;
         let path = manual.join(name(effect)).with_extension("md");
         if std::env::var_os("UPDATE_DOCS").is_some() {
             std::fs::create_dir_all(&manual).unwrap();

@@ -143,7 +143,7 @@ impl ComposedModel {
             .map(|declaration| ModelParameter {
                 name: declaration.name.to_owned(),
                 effect: None,
-                declaration: *declaration,
+                declaration: structure.ranges().applied(declaration.name, *declaration),
             })
             .collect();
         let mut effects = Vec::new();
@@ -155,14 +155,15 @@ impl ComposedModel {
                 if let (true, Some(index)) = (shared, known) {
                     return index;
                 }
+                let name = if shared {
+                    p.name.to_owned()
+                } else {
+                    format!("{}.{}", own.name, p.name)
+                };
                 parameters.push(ModelParameter {
-                    name: if shared {
-                        p.name.to_owned()
-                    } else {
-                        format!("{}.{}", own.name, p.name)
-                    },
                     effect: (!shared).then_some(own.name),
-                    declaration: *p,
+                    declaration: structure.ranges().applied(&name, *p),
+                    name,
                 });
                 parameters.len() - 1
             });

@@ -1,0 +1,221 @@
+//! Whether stated standard errors are as large as the errors are: sites of the truth simulator with one
+//! effect each, fitted by the structure with that effect, and how often the truth lies within one and
+//! two standard errors.
+//!
+//! ```text
+//! nice cargo run --release --example coverage -- [sites per effect] [seed]
+//! ```
+//!
+//! Right errors give 68 and 95 %. Only parameters that mean the same to simulator and estimator are
+//! compared; the composition of the load varies by 2 % from event to event, so that the true share of
+//! the motors is that of the mean of the events.
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "an example speaks to whoever runs it"
+)]
+
+use std::collections::BTreeMap;
+
+use loadmodeld::{
+    adapters::recordings::site_folder,
+    disturbance::Window,
+    identification::{
+        composed::{ComposedFit, ComposedFitOptions, extend, fit},
+        intake::{IntakeOptions, PreparedEvent, prepare},
+    },
+    load_model::{Structure, composed::ComposedModel},
+    truth::{Effect, HiddenEffect, StudyShape, SyntheticSite, estimator_terms, study_site},
+};
+
+/// A parameter of the estimator and its true value.
+type Pair = (
+    &'static str,
+    fn(&SyntheticSite, &HiddenEffect) -> Option<f64>,
+);
+
+fn own(name: &'static str, hidden: &HiddenEffect) -> Option<f64> {
+    hidden
+        .values()
+        .find(|(p, _)| p.name == name)
+        .map(|(_, v)| v)
+}
+
+fn term(name: &str, site: &SyntheticSite) -> Option<f64> {
+    let terms = estimator_terms(site);
+    let mut values = terms.into_iter().flat_map(|t| t.values);
+    values.find(|(n, _)| *n == name).map(|(_, value)| value)
+}
+
+/// Effects, and what of them can be compared.
+const COMPARED: &[(Effect, &[Pair])] = &[
+    (
+        Effect::SelfDisconnection,
+        &[
+            ("share", |_, h| own("share", h)),
+            ("voltage", |_, h| own("threshold_pu", h)),
+            ("time_s", |_, h| own("delay_s", h)),
+        ],
+    ),
+    (
+        Effect::MotorUndervoltageTrip,
+        &[
+            ("share", |s, _| term("share", s)),
+            ("trip_voltage", |_, h| own("threshold_pu", h)),
+            ("trip_time_s", |_, h| own("delay_s", h)),
+        ],
+    ),
+    (
+        Effect::ElectronicLoadDropout,
+        &[
+            ("share", |_, h| own("share", h)),
+            ("first_voltage", |_, h| own("first_pu", h)),
+            ("returning_share", |_, h| own("returning", h)),
+        ],
+    ),
+    (
+        Effect::DistributedGeneration,
+        &[
+            ("share", |_, h| own("share", h)),
+            ("voltage", |_, h| own("threshold_pu", h)),
+        ],
+    ),
+    (
+        Effect::StaticFrequencyDependence,
+        &[("active_coefficient", |_, h| own("active", h))],
+    ),
+    (
+        Effect::SpeedDependentTorque,
+        &[("exponent", |s, _| term("exponent", s))],
+    ),
+    (
+        Effect::StatorResistance,
+        &[("resistance", |s, _| {
+            term("resistance_motor_base_pu", s).map(|r| r * s.options.motor.load_factor)
+        })],
+    ),
+    (Effect::TimeSkew, &[("delay_s", |_, h| own("skew_s", h))]),
+    (
+        Effect::RatioPhaseError,
+        &[("angle_rad", |s, _| term("angle_rad", s))],
+    ),
+];
+
+/// Counts of one parameter.
+#[derive(Default)]
+struct Count {
+    all: u32,
+    within_one: u32,
+    within_two: u32,
+    without_error: u32,
+    ratios: Vec<f64>,
+}
+
+fn main() {
+    let numbers: Vec<u64> = std::env::args()
+        .skip(1)
+        .filter_map(|a| a.parse().ok())
+        .collect();
+    let sites = numbers.first().copied().unwrap_or(25);
+    let seed = numbers.get(1).copied().unwrap_or(1);
+    println!(
+        "| effect | parameter | sites | within 1 | within 2 | median of error over standard error | no standard error |"
+    );
+    println!("|---|---|---|---|---|---|---|");
+    let mut total: [u32; 3] = [0; 3];
+    for (effect, pairs) in COMPARED {
+        let mut counts: BTreeMap<&str, Count> = BTreeMap::new();
+        for number in 0..sites {
+            let shape = StudyShape {
+                effects: vec![*effect],
+                bad_samples: false,
+                stator_resistance: 0.0,
+                ..StudyShape::default()
+            };
+            match study_site(seed, number, &shape) {
+                Ok(site) => count(&site, pairs, &mut counts),
+                Err(error) => eprintln!("{} {number}: {error}", effect.name()),
+            }
+        }
+        for (name, count) in &mut counts {
+            count.ratios.sort_by(f64::total_cmp);
+            let median = count.ratios.get(count.ratios.len() / 2);
+            println!(
+                "| {} | {name} | {} | {} | {} | {:.2} | {} |",
+                effect.name(),
+                count.all,
+                count.within_one,
+                count.within_two,
+                median.copied().unwrap_or(f64::NAN),
+                count.without_error
+            );
+            total[0] += count.all;
+            total[1] += count.within_one;
+            total[2] += count.within_two;
+        }
+    }
+    println!("| all | | {} | {} | {} | | |", total[0], total[1], total[2]);
+}
+
+fn count(site: &SyntheticSite, pairs: &[Pair], counts: &mut BTreeMap<&'static str, Count>) {
+    let Some(hidden) = site.options.effects.first() else {
+        return;
+    };
+    let name = hidden.effect().name();
+    let Some(fitted) = fitted(site, name) else {
+        eprintln!("{}: no fit", site.options.site.name);
+        return;
+    };
+    let mut compare = |parameter: &'static str, place: &str, truth: f64| {
+        let Some(index) = fitted.model.index(place) else {
+            eprintln!("no parameter {place}");
+            return;
+        };
+        let entry = counts.entry(parameter).or_default();
+        let Some(error) = fitted.standard_error(index) else {
+            entry.without_error += 1;
+            return;
+        };
+        let ratio = (fitted.parameters[index] - truth).abs() / error;
+        entry.all += 1;
+        entry.within_one += u32::from(ratio <= 1.0);
+        entry.within_two += u32::from(ratio <= 2.0);
+        entry.ratios.push(ratio);
+    };
+    for (parameter, truth) in pairs {
+        if let Some(truth) = truth(site, hidden) {
+            compare(parameter, &format!("{name}.{parameter}"), truth);
+        }
+    }
+    let takes_motors = matches!(hidden.effect(), Effect::MotorUndervoltageTrip);
+    if !takes_motors {
+        let shares: Vec<f64> = site.truth.iter().map(|t| t.motor_share).collect();
+        let mean = shares.iter().sum::<f64>() / shares.len().max(1) as f64;
+        compare("motor_share", "motor_share", mean);
+    }
+}
+
+fn fitted(site: &SyntheticSite, effect: &str) -> Option<ComposedFit> {
+    let windows = site.records.iter().zip(1..).map(|(record, number)| Window {
+        id: format!("event_{number:02}"),
+        ..site_folder::window(&site.options.site, record)
+    });
+    let events: Vec<PreparedEvent> = windows
+        .filter_map(|w| prepare(&w, &IntakeOptions::default()).ok())
+        .collect();
+    let structure = Structure::zip_im();
+    let model = ComposedModel::new(&structure);
+    let free: Vec<usize> = (0..model.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let from = |events: &[PreparedEvent]| {
+        fit(events, &model, &model.typical(), &free, &options, &|| false)
+    };
+    // The mildest events too, which no threshold has reached.
+    let mut mild: Vec<PreparedEvent> = events.clone();
+    mild.sort_by(|a, b| b.lowest_voltage.total_cmp(&a.lowest_voltage));
+    mild.truncate(events.len().div_ceil(2).max(2));
+    let starts = [from(&events), from(&mild)];
+    let origins: Vec<&ComposedFit> = starts.iter().flatten().collect();
+    let found = extend(&events, &structure, &origins, effect, &options, &|| false);
+    found.ok()?.fit
+}
