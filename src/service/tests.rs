@@ -19,6 +19,7 @@ use crate::{
 
 mod diagnoses;
 mod fits;
+mod progress;
 mod shutdown;
 mod support;
 mod windows;

@@ -27,10 +27,6 @@ const TOGETHER_BYTES_MAX: usize = 1 << 16;
 const TICK: Duration = Duration::from_millis(100);
 /// Longest wait for the source to take a command.
 const SEND_LIMIT: Duration = Duration::from_secs(5);
-/// At the end: silence after which the source is taken to have heard "data off", and the longest wait for it.
-/// What it had sent before lies in the connection and would be lost uncounted.
-const FAREWELL_SILENCE: Duration = Duration::from_millis(200);
-const FAREWELL_LIMIT: Duration = Duration::from_secs(2);
 
 /// How the source is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +55,9 @@ pub struct Source {
     pub pause: (Duration, Duration),
     /// Longest wait for a connection.
     pub connect_limit: Duration,
+    /// At the end: the silence after which the source is taken to have heard "data off", and the longest wait
+    /// for it. What it had sent before lies in the connection and would be lost uncounted.
+    pub farewell: (Duration, Duration),
     /// Bytes of the longest frame: the less, the sooner a damaged length is noticed.
     pub frame_bytes_max: usize,
 }
@@ -192,7 +191,9 @@ impl Client<'_> {
                 () = stop.cancelled() => {
                     let farewell = self.dialogue.farewell(self.now_ms());
                     self.carry_out(link, farewell.into_iter().collect()).await?;
-                    timeout(FAREWELL_LIMIT, self.take_rest(link, decoder, &mut bytes)).await.ok();
+                    let limit = self.source.farewell.1;
+                    let rest = self.take_rest(link, decoder, &mut bytes);
+                    timeout(limit, rest).await.ok();
                     return Ok(End::Stopped);
                 }
                 read = link.read(&mut bytes) => {
@@ -210,7 +211,13 @@ impl Client<'_> {
 
     /// Hands on what is on its way from a source that has been told to stop.
     async fn take_rest(&mut self, link: &mut Link, decoder: &mut StreamDecoder, bytes: &mut [u8]) {
-        while let Ok(Ok(count @ 1..)) = timeout(FAREWELL_SILENCE, link.read(bytes)).await {
+        // A source that is not commanded never ceases: only what is there already is taken.
+        let silence = if self.source.dialogue.commanded {
+            self.source.farewell.0
+        } else {
+            Duration::ZERO
+        };
+        while let Ok(Ok(count @ 1..)) = timeout(silence, link.read(bytes)).await {
             let steps = self.frames(decoder, &bytes[..count], link.is_datagrams());
             // Nothing more is said to the source.
             let steps = steps.into_iter().filter(|s| !matches!(s, Step::Send(_)));

@@ -222,11 +222,7 @@ async fn until_closed(stream: &mut TcpStream) {
 }
 
 /// Bytes to answer a command with; data frames begin or cease with the subscription.
-fn answer(
-    station: &Station,
-    frame: &[u8],
-    subscription: &mut Option<Frames>,
-) -> Vec<u8> {
+fn answer(station: &Station, frame: &[u8], subscription: &mut Option<Frames>) -> Vec<u8> {
     let answers = station.answers();
     let Ok(Frame::Command(command)) = decode(frame) else {
         return Vec::new();
@@ -249,10 +245,7 @@ fn answer(
 }
 
 /// The next data frame; never ready for a client that has not asked for data.
-async fn next_frame(
-    station: &Station,
-    subscription: &mut Option<Frames>,
-) -> Arc<[u8]> {
+async fn next_frame(station: &Station, subscription: &mut Option<Frames>) -> Arc<[u8]> {
     loop {
         let Some(frames) = subscription else {
             return std::future::pending().await;
