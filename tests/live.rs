@@ -257,6 +257,8 @@ fn frames_out_of_order_give_the_same_samples_as_in_order() {
                 Act::Forward([frame, behind].concat())
             });
             let mut bridge = Bridge::to(proxy.await);
+            // Both runs begin with the same frame.
+            wait_for("a listener", || pmu.station.listeners() == 1).await;
             bridge.receive_while_sending(&pmu, 200).await;
             let end = bridge.end().await;
             let sorted = end.numbers.is_sorted();
@@ -267,7 +269,6 @@ fn frames_out_of_order_give_the_same_samples_as_in_order() {
     let (in_order, swapped) = (released(false), released(true));
     let both = in_order.len().min(swapped.len()).min(190);
     assert!(both > 150);
-    // Each run starts with the first frame after "data on".
     let by_number = |samples: &[Sample]| -> Vec<(u64, [u64; 4])> {
         let bits = |s: &Sample| {
             [s.voltage_pu, s.frequency_hz, s.active_pu, s.reactive_pu].map(f64::to_bits)

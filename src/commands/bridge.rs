@@ -209,9 +209,13 @@ async fn publish(
                 )
             }
         };
-        if let Err(error) = put {
-            counters.update(|totals| totals.unpublished += count);
-            tracing::warn!(%error, frames = count, "frames not published");
+        match put {
+            Ok(true) => {}
+            Ok(false) => counters.update(|totals| totals.unheard += count),
+            Err(error) => {
+                counters.update(|totals| totals.unpublished += count);
+                tracing::warn!(%error, frames = count, "frames not published");
+            }
         }
     }
 }

@@ -70,18 +70,20 @@ fn killed_at_any_moment_no_stored_window_is_lost_or_twice_and_every_instant_is_a
     wait_for("windows of the last run", || {
         (last.windows_closed() > SITES.len()).then_some(())
     });
-    let sent = publisher.end();
+    let (sent, unheard) = publisher.end();
     assert!(last.terminate().success());
     ledger.close(&place, sent);
     println!(
-        "{kills} kills, {sent} frames of each of {} streams, {} windows, {} instants passed over in {} runs that \
-         were looked at",
+        "{kills} kills, {sent} frames of each of {} streams ({unheard} while nobody subscribed), {} windows, {} \
+         instants passed over in {} runs that were looked at",
         SITES.len(),
         ledger.windows.len(),
         ledger.skipped,
         ledger.looked_at
     );
     assert!(!ledger.windows.is_empty());
+    // The publisher knows of the time without a daemon, too.
+    assert!((1..sent).contains(&unheard), "{unheard} of {sent}");
 }
 
 /// What has to hold between one run and the next.
@@ -223,7 +225,7 @@ struct Publisher {
     endpoint: String,
     sent: Arc<AtomicU64>,
     stop: Arc<AtomicBool>,
-    thread: thread::JoinHandle<()>,
+    thread: thread::JoinHandle<u64>,
 }
 
 impl Publisher {
@@ -255,16 +257,20 @@ impl Publisher {
                     .put_configuration(configuration, LIMIT)
                     .await
                     .unwrap();
+                let mut unheard = 0;
                 while !stopped.load(Ordering::Relaxed) {
                     let first = counted.load(Ordering::Relaxed);
                     let numbers = first..first + FRAMES_PER_MESSAGE;
                     let frames = numbers.map(|k| played.frame(&sample(k)).unwrap().unwrap());
                     let frames = frames.collect::<Vec<_>>().concat();
                     counted.store(first + FRAMES_PER_MESSAGE, Ordering::Relaxed);
-                    publisher.put(&frames, LIMIT).await.unwrap();
+                    if !publisher.put(&frames, LIMIT).await.unwrap() {
+                        unheard += FRAMES_PER_MESSAGE;
+                    }
                     tokio::time::sleep(BETWEEN_MESSAGES).await;
                 }
-            });
+                unheard
+            })
         });
         Self {
             endpoint: endpoint.recv_timeout(LIMIT).unwrap(),
@@ -279,10 +285,11 @@ impl Publisher {
         self.sent.load(Ordering::Relaxed)
     }
 
-    fn end(self) -> u64 {
+    /// Frames of each stream that have gone out, and those of them that nobody had subscribed to.
+    fn end(self) -> (u64, u64) {
         self.stop.store(true, Ordering::Relaxed);
-        self.thread.join().unwrap();
-        self.sent.load(Ordering::Relaxed)
+        let unheard = self.thread.join().unwrap();
+        (self.sent.load(Ordering::Relaxed), unheard)
     }
 }
 

@@ -2,8 +2,8 @@
 
     pmu.py PORT START_S FORMAT...      FORMAT: polarfloat, rectfloat, polarint, rectint
 
-For each FORMAT 900 frames at 30 frames/s, stamped from START_S on (seconds since 1970, an hour apart), with a
-dip to 0.7 of the voltage in the frames 450 to 479. From one format to the next it sends its new configuration
+For each FORMAT 900 frames at 30 frames/s, stamped from START_S + 1/60 on (seconds since 1970, an hour apart), with
+a dip to 0.7 of the voltage in the frames 450 to 479. From one format to the next it sends its new configuration
 in between, without closing. Writes the port on its first line and `sent` on its second; then it stays.
 """
 
@@ -64,7 +64,8 @@ def frame(name, cfg, start_s, k):
             first, second = round(first), round(second * 1e4 if polar else second)
         phasors.append((first, second))
     frequency, change = (50.01, 0.0) if is_float else (10, 0)
-    microseconds = round(k * 1e6 / RATE)
+    # Half a period later than the second: the package takes a fraction of 0 for none, and puts its clock's.
+    microseconds = round((k + 0.5) * 1e6 / RATE)
     second, fraction = divmod(microseconds, 1000000)
     return DataFrame(ID_CODE, STATUS, phasors, frequency, change, [], [0x3C12], cfg, start_s + second, fraction)
 

@@ -97,10 +97,8 @@ pub async fn run(
     let (shortest, longest) = source.pause;
     let mut pause = shortest;
     loop {
-        let end = tokio::select! {
-            () = stop.cancelled() => return,
-            end = client.one_connection(stop) => end,
-        };
+        // Not raced against the stop: a connection that stands is to be left in good order.
+        let end = client.one_connection(stop).await;
         client.note(end);
         if end == End::Stopped || outlet.is_closed() {
             return;
@@ -145,8 +143,12 @@ enum End {
 
 impl Client<'_> {
     async fn one_connection(&mut self, stop: &CancellationToken) -> End {
-        let link = Link::open(self.source);
-        let mut link = match timeout(self.source.connect_limit, link).await {
+        let opening = timeout(self.source.connect_limit, Link::open(self.source));
+        let opened = tokio::select! {
+            () = stop.cancelled() => return End::Stopped,
+            opened = opening => opened,
+        };
+        let mut link = match opened {
             Ok(Ok(link)) => link,
             Ok(Err(error)) => {
                 tracing::warn!(source = self.source.address, %error, "cannot connect");

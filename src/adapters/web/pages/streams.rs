@@ -79,9 +79,9 @@ impl Row {
             .collect()
     }
 
-    /// Counts of frames that gave neither a sample nor a configuration.
+    /// Counts of frames that were of no use.
     fn frames_not_used(&self) -> Vec<(&'static str, u64)> {
-        let expected = ["sample", "configuration", "other"];
+        let expected = ["sample", "configuration", "reconfiguration", "other"];
         let frames = self.state.frames.iter();
         frames
             .filter(|(outcome, _)| !expected.contains(outcome))
