@@ -70,13 +70,16 @@ fn a_pmu_of_another_make_is_followed_through_its_formats_and_a_restart() {
         );
     }
 
-    let metrics = daemon.get("/metrics").1;
+    // Frames are reported once a second.
     for (outcome, count) in [("sample", 4 * FRAMES), ("reconfiguration", 3)] {
         let line = format!(
-            "loadmodeld_frames_total{{outcome=\"{outcome}\",site=\"{SITE}\",stream=\"*\"}} {count}"
+            "loadmodeld_frames_total{{outcome=\"{outcome}\",site=\"{SITE}\",stream=\"*\"}} {count}\n"
         );
-        assert!(metrics.contains(&line), "{line} is not in {metrics}");
+        wait_for(&line, || {
+            daemon.get("/metrics").1.contains(&line).then_some(())
+        });
     }
+    let metrics = daemon.get("/metrics").1;
     for outcome in [
         "not_as_configured",
         "malformed",
