@@ -34,9 +34,18 @@ pub const ALL: [(&str, Parser); 7] = [
     ("configuration", configuration),
 ];
 
-/// One frame. What was read as a command or header is written back byte for byte.
+/// One frame. What is read has a right check word, and a command is written back byte for byte.
 pub fn c37118_frame(bytes: &[u8]) {
-    let written = match decode(bytes) {
+    let decoded = decode(bytes);
+    if decoded.is_ok() {
+        let (checked, word) = bytes.split_at(bytes.len() - 2);
+        assert_eq!(
+            check_word(checked),
+            word,
+            "a frame with a wrong check word was read"
+        );
+    }
+    let written = match decoded {
         Ok(Frame::Command(command)) => command.encode(),
         Ok(Frame::Configuration(configuration)) => {
             // A reserved code may have no place in what is written.
@@ -46,6 +55,18 @@ pub fn c37118_frame(bytes: &[u8]) {
         Ok(_) | Err(_) => return,
     };
     assert_eq!(written.as_deref(), Ok(bytes));
+}
+
+/// CRC-CCITT, bit by bit (annex B), by other means than the parser's.
+pub fn check_word(bytes: &[u8]) -> [u8; 2] {
+    let bit = |crc: u16| {
+        let carry = crc & 0x8000 != 0;
+        (crc << 1) ^ if carry { 0x1021 } else { 0 }
+    };
+    let crc = bytes.iter().fold(0xffff_u16, |crc, byte| {
+        (0..8).fold(crc ^ (u16::from(*byte) << 8), |crc, _| bit(crc))
+    });
+    crc.to_be_bytes()
 }
 
 /// Bytes of a connection, in pieces as long as the first byte says. Every byte is accounted for.

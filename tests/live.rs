@@ -27,8 +27,8 @@ use loadmodeld::{
     adapters::{
         bridge::{Answers, Counters, Delivery, Source, Station, Totals, Transport, client, server},
         c37118::{
-            ConfigurationKind, DialogueOptions, FrameIntake, HeaderFrame, LoadMapping, PhasorSet,
-            Played, Prefix,
+            Command, CommandFrame, ConfigurationKind, DialogueOptions, Frame, FrameIntake,
+            HeaderFrame, LoadMapping, PhasorSet, Played, Prefix, StreamDecoder, decode,
         },
     },
     measurement::{
@@ -53,7 +53,9 @@ const START_NS: i64 = 1_700_000_000_000_000_000;
 
 #[test]
 fn every_parser_reads_or_refuses_its_corpus_and_mutants_of_it() {
-    const MUTANTS: usize = 300;
+    const MUTANTS: usize = 2000;
+    let mutants = std::env::var("LOADMODELD_MUTANTS");
+    let mutants = mutants.map_or(MUTANTS, |text| text.parse().expect("a number of mutants"));
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
     for (name, parse) in parsers::ALL {
         let folder = fs::read_dir(corpus.join(name)).unwrap();
@@ -61,13 +63,17 @@ fn every_parser_reads_or_refuses_its_corpus_and_mutants_of_it() {
         files.sort();
         assert!(!files.is_empty(), "{name}");
         let mut random = Random(20_261_121);
-        for file in files {
-            let original = fs::read(file).unwrap();
-            parse(&original);
-            for _ in 0..MUTANTS {
-                parse(&random.mutant(&original));
+        let originals: Vec<Vec<u8>> = files.iter().map(|f| fs::read(f).unwrap()).collect();
+        originals.iter().for_each(|original| parse(original));
+        for original in originals.iter().cycle().take(mutants) {
+            let mut mutant = random.mutant(original);
+            // Half of the frames get past the check word, and a third past their length.
+            if name.starts_with("c37118") && random.below(2) == 0 {
+                reseal(&mut mutant, random.below(3) == 0);
             }
+            parse(&mutant);
         }
+        println!("{name}: {mutants} mutants of {} files", originals.len());
     }
 }
 
@@ -251,6 +257,8 @@ fn frames_out_of_order_give_the_same_samples_as_in_order() {
                 Act::Forward([frame, behind].concat())
             });
             let mut bridge = Bridge::to(proxy.await);
+            // Both runs begin with the same frame.
+            wait_for("a listener", || pmu.station.listeners() == 1).await;
             bridge.receive_while_sending(&pmu, 200).await;
             let end = bridge.end().await;
             let sorted = end.numbers.is_sorted();
@@ -261,7 +269,6 @@ fn frames_out_of_order_give_the_same_samples_as_in_order() {
     let (in_order, swapped) = (released(false), released(true));
     let both = in_order.len().min(swapped.len()).min(190);
     assert!(both > 150);
-    // Each run starts with the first frame after "data on".
     let by_number = |samples: &[Sample]| -> Vec<(u64, [u64; 4])> {
         let bits = |s: &Sample| {
             [s.voltage_pu, s.frequency_hz, s.active_pu, s.reactive_pu].map(f64::to_bits)
@@ -282,6 +289,106 @@ fn frames_out_of_order_give_the_same_samples_as_in_order() {
         compared += 1;
     }
     assert!(compared > 100, "{compared}");
+}
+
+#[test]
+fn a_client_that_reads_late_still_gets_every_frame_of_a_station_that_has_ended() {
+    const FRAMES: u64 = 1000;
+    let runtime = runtime();
+    runtime.block_on(async {
+        let pmu = Pmu::start(100.0).await;
+        let mut client = TcpStream::connect(pmu.address).await.unwrap();
+        client.write_all(&command(Command::DataOn)).await.unwrap();
+        wait_for("the subscription", || pmu.station.listeners() == 1).await;
+        for _ in 0..FRAMES {
+            pmu.send();
+        }
+        // Unread at the station when it ends: closing its side at once would reset the connection.
+        client
+            .write_all(&command(Command::SendHeader))
+            .await
+            .unwrap();
+        pmu.station.end();
+        wait_for("the end of taking clients", || {
+            std::net::TcpStream::connect(pmu.address).is_err()
+        })
+        .await;
+        let mut bytes = Vec::new();
+        client.read_to_end(&mut bytes).await.unwrap();
+        let mut decoder = StreamDecoder::new();
+        decoder.push(&bytes);
+        let frames = std::iter::from_fn(|| decoder.next_frame());
+        let data = frames.filter(|frame| frame[1] >> 4 == 0).count();
+        assert_eq!((data as u64, pmu.station.lost()), (FRAMES, 0));
+    });
+}
+
+#[test]
+fn what_a_source_had_sent_before_it_was_told_to_stop_is_handed_on() {
+    const REST: u64 = 500;
+    let runtime = runtime();
+    runtime.block_on(async {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        // A source that sends most when it is told to stop, as one whose frames were on their way does.
+        let source = tokio::spawn(async move {
+            let (mut stream, _) = listener.accept().await.unwrap();
+            let mut played = Played::new(&site(100.0), RATE_FPS, ID_CODE).unwrap();
+            let configuration = played.configuration(ConfigurationKind::Configuration2);
+            let configuration = configuration.encode().unwrap().concat();
+            let mut frames = |range: std::ops::Range<u64>| {
+                let frames = range.map(|k| played.frame(&sample(k)).unwrap().unwrap());
+                frames.collect::<Vec<_>>().concat()
+            };
+            let (mut decoder, mut bytes, mut sends) = (StreamDecoder::new(), [0; 1024], false);
+            while let Ok(length @ 1..) = stream.read(&mut bytes).await {
+                decoder.push(&bytes[..length]);
+                while let Some(frame) = decoder.next_frame() {
+                    let Ok(Frame::Command(asked)) = decode(&frame) else {
+                        continue;
+                    };
+                    match asked.command {
+                        Command::SendConfiguration2 => {
+                            stream.write_all(&configuration).await.unwrap();
+                        }
+                        Command::DataOn => {
+                            sends = true;
+                            stream.write_all(&frames(0..1)).await.unwrap();
+                        }
+                        Command::DataOff if sends => {
+                            stream.write_all(&frames(1..1 + REST)).await.unwrap();
+                            return;
+                        }
+                        _ => {}
+                    }
+                }
+            }
+        });
+        // The source's closing ends the wait, however busy the machine is.
+        let mut bridge = Bridge::of(Source {
+            farewell: (LIMIT, LIMIT),
+            ..Bridge::source(address, Transport::Tcp, true)
+        });
+        let begun = SystemTime::now();
+        while bridge.numbers().is_empty() {
+            assert!(begun.elapsed().unwrap() < LIMIT, "no frame came");
+            sleep(Duration::from_millis(5)).await;
+            bridge.drain();
+        }
+        let end = bridge.end().await;
+        source.await.unwrap();
+        assert_eq!(end.numbers, (0..=REST).collect::<Vec<_>>());
+        assert_eq!(end.totals.dialogue.data, 1 + REST);
+    });
+}
+
+/// A command as a client sends it.
+fn command(command: Command) -> Vec<u8> {
+    let prefix = Prefix {
+        id_code: ID_CODE,
+        ..Prefix::default()
+    };
+    CommandFrame { prefix, command }.encode().unwrap()
 }
 
 /// A linear congruential generator (Knuth, MMIX): the mutants are the same in every run.
@@ -315,6 +422,19 @@ impl Random {
         }
         bytes
     }
+}
+
+/// Puts the check word of a frame right, and its length before it where asked.
+fn reseal(frame: &mut [u8], length: bool) {
+    let size = frame.len();
+    if size < 6 {
+        return;
+    }
+    if length && let Ok(size) = u16::try_from(size) {
+        frame[2..4].copy_from_slice(&size.to_be_bytes());
+    }
+    let word = parsers::check_word(&frame[..size - 2]);
+    frame[size - 2..].copy_from_slice(&word);
 }
 
 /// A PMU on loopback.
@@ -410,22 +530,9 @@ fn doubled(frame: &[u8]) -> Vec<u8> {
     let mut doubled = [head, data, data].concat();
     let size = u16::try_from(doubled.len() + 2).unwrap();
     doubled[2..4].copy_from_slice(&size.to_be_bytes());
-    let check = crc(&doubled);
-    doubled.extend(check.to_be_bytes());
+    let check = parsers::check_word(&doubled);
+    doubled.extend(check);
     doubled
-}
-
-/// CRC-CCITT, bit by bit (annex B).
-fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xffff_u16, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| {
-            if crc & 0x8000 == 0 {
-                crc << 1
-            } else {
-                crc << 1 ^ 0x1021
-            }
-        })
-    })
 }
 
 /// A bridge whose frames are looked at instead of published.
@@ -451,7 +558,11 @@ impl Bridge {
     }
 
     fn with(address: SocketAddr, transport: Transport, commanded: bool) -> Self {
-        let source = Source {
+        Self::of(Self::source(address, transport, commanded))
+    }
+
+    fn source(address: SocketAddr, transport: Transport, commanded: bool) -> Source {
+        Source {
             address: address.to_string(),
             transport,
             dialogue: DialogueOptions {
@@ -464,8 +575,12 @@ impl Bridge {
             },
             pause: (Duration::from_millis(10), Duration::from_millis(100)),
             connect_limit: LIMIT,
+            farewell: (Duration::from_millis(20), LIMIT),
             frame_bytes_max: 2048,
-        };
+        }
+    }
+
+    fn of(source: Source) -> Self {
         let (outlet, deliveries) = mpsc::channel(100_000);
         let (counters, stop) = (Arc::new(Counters::default()), CancellationToken::new());
         let (counted, stopped) = (Arc::clone(&counters), stop.clone());

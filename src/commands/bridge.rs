@@ -113,6 +113,7 @@ pub fn run(args: &BridgeArgs, out: &mut dyn Write) -> Result<(), Error> {
 fn source(args: &C37118Args) -> Result<Source, Error> {
     const SHORTEST_PAUSE: Duration = Duration::from_millis(500);
     const CONNECT_LIMIT: Duration = Duration::from_secs(10);
+    const FAREWELL: (Duration, Duration) = (Duration::from_millis(500), Duration::from_secs(3));
     const FRAME_BYTES_MAX: usize = 65_535;
     let port = args.source.rsplit_once(':');
     let port = port.and_then(|(_, port)| port.parse::<u16>().ok());
@@ -144,6 +145,7 @@ fn source(args: &C37118Args) -> Result<Source, Error> {
             seconds("--pause-s", args.pause_s)?.max(SHORTEST_PAUSE),
         ),
         connect_limit: CONNECT_LIMIT,
+        farewell: FAREWELL,
         frame_bytes_max: FRAME_BYTES_MAX,
     })
 }
@@ -182,7 +184,9 @@ async fn bridge(args: &C37118Args, source: Source, report: Duration) -> Result<T
     // The client says good-bye to the source; what it has handed on is still published.
     client.await.map_err(Error::other)?;
     publishing.await.map_err(Error::other)?;
-    zenoh::close_within(&session, &options).await;
+    if !zenoh::close_within(&session, &options).await {
+        tracing::warn!("zenoh did not close in time: the last frames may not have gone out");
+    }
     Ok(counters.read())
 }
 
@@ -205,9 +209,13 @@ async fn publish(
                 )
             }
         };
-        if let Err(error) = put {
-            counters.update(|totals| totals.unpublished += count);
-            tracing::warn!(%error, frames = count, "frames not published");
+        match put {
+            Ok(true) => {}
+            Ok(false) => counters.update(|totals| totals.unheard += count),
+            Err(error) => {
+                counters.update(|totals| totals.unpublished += count);
+                tracing::warn!(%error, frames = count, "frames not published");
+            }
         }
     }
 }

@@ -34,6 +34,7 @@ use crate::{
         store::Store,
         zenoh::{Drops, Entrance, Exits, Keys, Link},
     },
+    measurement::Progress,
     service::{Command, DocumentKind, Event, State},
     telemetry::{
         Metrics, Occurrence,
@@ -52,6 +53,8 @@ const TICK: Duration = Duration::from_millis(200);
 pub(super) struct Parts {
     pub(super) settings: Arc<Settings>,
     pub(super) store: Arc<dyn Store>,
+    /// How far an earlier run had come.
+    pub(super) progress: Vec<(String, Progress)>,
     pub(super) metrics: Arc<Metrics>,
     pub(super) health: Arc<Health>,
     pub(super) board: Arc<StatusBoard>,
@@ -69,7 +72,7 @@ pub(super) struct Inbox {
 impl Parts {
     /// `(events_sender, events)` is where everybody reports to the loop.
     pub(super) fn assemble(
-        self,
+        mut self,
         exits: Exits,
         (events_sender, events): (UnboundedSender<Event>, UnboundedReceiver<Event>),
     ) -> Result<(Loop, Inbox), DaemonError> {
@@ -121,8 +124,10 @@ impl Parts {
             Arc::clone(&self.settings),
             events_sender.clone(),
         );
+        let progress = std::mem::take(&mut self.progress);
+        let state = State::new(self.settings.service.clone(), self.settings.sites.clone());
         let the_loop = Loop {
-            state: State::new(self.settings.service.clone(), self.settings.sites.clone()),
+            state: state.resuming(progress),
             outlets: Outlets {
                 steps,
                 publisher,

@@ -56,6 +56,8 @@ pub(super) struct FrameStreams {
 #[derive(Clone, Debug)]
 struct FrameStream {
     intake: FrameIntake,
+    /// Its name in the configuration.
+    configured: String,
     unreported: FrameCounts,
     trouble: Option<(FrameOutcome, String)>,
     /// Reports that held trouble of each kind: a flood of them is not a flood of log lines.
@@ -82,12 +84,13 @@ impl FrameStreams {
     ) -> Result<Vec<Event>, FramesRefusal> {
         let key = (site.name.clone(), stream.to_owned());
         if !self.streams.contains_key(&key) {
-            let mapping = self.settings.stream(&site.name, stream);
-            let mapping = mapping.ok_or(FramesRefusal::NotConfigured)?;
+            let known = self.settings.stream(&site.name, stream);
+            let (configured, mapping) = known.ok_or(FramesRefusal::NotConfigured)?;
             if self.streams.len() >= STREAMS_MAX {
                 return Err(FramesRefusal::TooManyStreams);
             }
-            let new = FrameStream::new(FrameIntake::new(site, stream, mapping));
+            let intake = FrameIntake::new(site, stream, mapping);
+            let new = FrameStream::new(intake, configured.to_owned());
             self.streams.insert(key.clone(), new);
         }
         let Some(known) = self.streams.get_mut(&key) else {
@@ -118,9 +121,10 @@ impl FrameStreams {
 }
 
 impl FrameStream {
-    const fn new(intake: FrameIntake) -> Self {
+    const fn new(intake: FrameIntake, configured: String) -> Self {
         Self {
             intake,
+            configured,
             unreported: FrameCounts::NONE,
             trouble: None,
             told: BTreeMap::new(),
@@ -163,6 +167,7 @@ impl FrameStream {
         Some(FramesTaken {
             site: site.to_owned(),
             stream: stream.to_owned(),
+            configured: self.configured.clone(),
             outcomes: outcomes.into_iter().filter(|(_, n)| *n > 0).collect(),
             trouble: trouble.map(|(outcome, words)| (outcome.label(), words)),
         })

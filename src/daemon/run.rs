@@ -22,6 +22,7 @@ use crate::{
         store::{SqliteStore, Store, StoreError},
         zenoh::{Link, ZenohError, queues},
     },
+    measurement::Progress,
     service::Event,
     telemetry::{Metrics, MetricsError, Occurrence, process::ServiceReady},
 };
@@ -178,7 +179,7 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
     let metrics = Arc::new(Metrics::new()?);
     metrics.set_process(env!("CARGO_PKG_VERSION"), started_ns as f64 / 1e9);
     let health = Arc::new(Health::new(clock::now_ns));
-    let store = open_store(&settings).await?;
+    let (store, progress) = open_store(&settings).await?;
     health.set_store(true);
     let instance = &settings.service.instance;
     let (entrance, exits) = queues(settings.zenoh.intake_messages_max);
@@ -193,6 +194,7 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
     let parts = Parts {
         settings: Arc::clone(&settings),
         store: Arc::clone(&store),
+        progress,
         metrics,
         health,
         board: Arc::clone(&board),
@@ -226,10 +228,12 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
 }
 
 /// Opens the store and tells it what is true from now on: these are the sites, and no job is in
-/// the hands of an earlier run of this instance any more.
-async fn open_store(settings: &Arc<Settings>) -> Result<Arc<dyn Store>, DaemonError> {
+/// the hands of an earlier run of this instance any more. Also returns how far that run had come.
+async fn open_store(
+    settings: &Arc<Settings>,
+) -> Result<(Arc<dyn Store>, Vec<(String, Progress)>), DaemonError> {
     let settings = Arc::clone(settings);
-    let opened = blocking(move || -> Result<Arc<dyn Store>, StoreError> {
+    let opened = blocking(move || -> Result<(Arc<dyn Store>, _), StoreError> {
         let store = SqliteStore::open(&settings.store_path, &settings.store)?;
         let now_ns = clock::now_ns();
         for site in &settings.sites {
@@ -237,7 +241,8 @@ async fn open_store(settings: &Arc<Settings>) -> Result<Arc<dyn Store>, DaemonEr
         }
         structures::take_up_configured(&store, &settings, now_ns)?;
         store.release_leases_of(&settings.service.instance, now_ns)?;
-        Ok(Arc::new(store))
+        let progress = store.progress()?;
+        Ok((Arc::new(store), progress))
     });
     Ok(opened.await??)
 }

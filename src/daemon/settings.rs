@@ -92,10 +92,15 @@ impl Settings {
         named(recorder).or_else(|| named("*"))
     }
 
-    /// How the frames of the stream of that name at a site are read.
+    /// How the frames of the stream of that name at a site are read, and what the configuration calls it.
     #[must_use]
-    pub fn stream(&self, site: &str, stream: &str) -> Option<&LoadMapping> {
-        let named = |name: &str| self.streams.get(&(site.to_owned(), name.to_owned()));
+    pub fn stream(&self, site: &str, stream: &str) -> Option<(&str, &LoadMapping)> {
+        let named = |name: &str| {
+            let known = self
+                .streams
+                .get_key_value(&(site.to_owned(), name.to_owned()));
+            known.map(|((_, name), mapping)| (name.as_str(), mapping))
+        };
         named(stream).or_else(|| named("*"))
     }
 }

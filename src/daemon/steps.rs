@@ -112,6 +112,10 @@ impl Steps {
                 site,
                 version,
             } => self.mark_published(kind, site, version, now_ns),
+            Command::KeepProgress(progress) => {
+                let kept = self.store.save_progress(&progress);
+                Event::ProgressKept(kept.map_err(|error| failure(&error)))
+            }
             Command::LoadBacklog(part) => {
                 let joint_events_max = self.settings.service.joint_events_max;
                 match backlog::load(self.store.as_ref(), part, joint_events_max) {

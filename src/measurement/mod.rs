@@ -5,6 +5,7 @@
 pub mod batch;
 pub mod concentrator;
 pub mod phasor;
+pub mod progress;
 pub mod quality;
 pub mod record;
 pub mod sample;
@@ -12,6 +13,7 @@ pub mod site;
 
 pub use batch::SampleBatch;
 pub use concentrator::{BatchRefusal, Concentrator, ConcentratorOptions, PushReport, Restart, Run};
+pub use progress::Progress;
 pub use quality::Quality;
 pub use record::Record;
 pub use sample::{Channel, Sample};

@@ -6,6 +6,7 @@ use super::{AskedDocument, Diagnosed, Fitted, PendingDocument};
 use crate::{
     disturbance::{Screening, Window},
     identification::{Decision, InForce},
+    measurement::Progress,
     telemetry::Occurrence,
 };
 
@@ -92,6 +93,8 @@ pub enum Command {
         /// How it ended.
         end: WorkEnd,
     },
+    /// Put on durable storage how far sites have come.
+    KeepProgress(Vec<(String, Progress)>),
     /// Load what waits in the store.
     LoadBacklog(BacklogPart),
     /// Put a set or diagnosis on its key.

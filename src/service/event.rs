@@ -156,6 +156,8 @@ pub enum Event {
         /// What the store said.
         failure: Failure,
     },
+    /// How far the sites have come is on durable storage, or could not be put there.
+    ProgressKept(Result<(), Failure>),
     /// What waits in the store.
     BacklogLoaded(BacklogPart, Backlog),
     /// The store could not be asked for it.

@@ -10,6 +10,7 @@ use super::{
 };
 use crate::{
     disturbance::Window,
+    measurement::Progress,
     telemetry::{
         diagnoses::{SetsChanged, StructureChanged},
         intake::{MessagesDropped, PayloadRefused},
@@ -24,6 +25,8 @@ use crate::{
 const MEASURE_NS: i64 = 15_000_000_000;
 /// Time between two rounds of retention, nanoseconds.
 const PRUNE_NS: i64 = 3_600_000_000_000;
+/// Time between two writes of how far the sites have come: what a crash may count as passed over too much.
+const PROGRESS_NS: i64 = 1_000_000_000;
 /// A burst of events postpones a joint fit by at most this many settling times.
 const SETTLE_TIMES_MAX: i64 = 10;
 
@@ -49,6 +52,8 @@ pub struct State {
     sweep: Sweep,
     measure_at_ns: i64,
     prune_at_ns: i64,
+    /// When the sites' progress is written next; none while the store is at it.
+    progress_at_ns: Option<i64>,
     phase: Phase,
 }
 
@@ -91,9 +96,17 @@ impl State {
             },
             measure_at_ns: i64::MIN,
             prune_at_ns: i64::MIN,
+            progress_at_ns: Some(i64::MIN),
             phase: Phase::Running,
             options,
         }
+    }
+
+    /// The same, going on where an earlier run had come to: what passed in between is counted.
+    #[must_use]
+    pub fn resuming(mut self, progress: Vec<(String, Progress)>) -> Self {
+        self.streams.resume(progress);
+        self
     }
 
     /// What follows from an event at `now_ns` (UTC, nanoseconds).
@@ -175,6 +188,16 @@ impl State {
                 Ok(occurrence) => out.push(Command::Report(occurrence)),
                 Err(failure) => report_failure(failure, true, out),
             },
+            Event::ProgressKept(result) => {
+                let pause_ns = match result {
+                    Ok(()) => PROGRESS_NS,
+                    Err(failure) => {
+                        report_failure(failure, true, out);
+                        PROGRESS_NS.max(self.options.store_retry_ns)
+                    }
+                };
+                self.progress_at_ns = Some(now_ns.saturating_add(pause_ns));
+            }
             Event::Tick => self.tick(now_ns, out),
             Event::StopRequested => self.begin_stop(now_ns, out),
             Event::IntakeStopped => self.end_streams(out),
@@ -451,7 +474,7 @@ impl State {
     }
 
     fn tick(&mut self, now_ns: i64, out: &mut Outbox) {
-        let ended = self.streams.end_silent(now_ns);
+        let ended = self.streams.end_silent(now_ns, out);
         self.found(ended, out);
         self.windows.retry(now_ns, out);
         self.fits.tick(now_ns, &self.options, out);
@@ -462,6 +485,9 @@ impl State {
             self.sweep.part = BacklogPart::WindowsAndUnpublished;
             self.sweep.due_ns = now_ns.saturating_add(self.options.sweep_ns);
         }
+        if self.progress_at_ns.is_some_and(|at_ns| now_ns >= at_ns) {
+            self.keep_progress(out);
+        }
         if now_ns >= self.measure_at_ns {
             self.measure_at_ns = now_ns.saturating_add(MEASURE_NS);
             out.push(Command::MeasureStore);
@@ -469,6 +495,14 @@ impl State {
         if now_ns >= self.prune_at_ns {
             self.prune_at_ns = now_ns.saturating_add(PRUNE_NS);
             out.push(Command::Prune);
+        }
+    }
+
+    fn keep_progress(&mut self, out: &mut Outbox) {
+        let progress = self.streams.progress();
+        if !progress.is_empty() {
+            self.progress_at_ns = None;
+            out.push(Command::KeepProgress(progress));
         }
     }
 
@@ -502,8 +536,9 @@ impl State {
         if let Phase::Stopping { intake_stopped, .. } = &mut self.phase {
             *intake_stopped = true;
         }
-        let ended = self.streams.end_all();
+        let ended = self.streams.end_all(out);
         self.found(ended, out);
+        self.keep_progress(out);
     }
 
     fn stop_when_done(&mut self, now_ns: i64, out: &mut Outbox) {

@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use super::{DecodedRecording, SiteOptions, outbox::Outbox};
 use crate::{
     disturbance::{Closing, Detector, Screening, Window, screen, window_of_recording},
-    measurement::{Concentrator, SampleBatch, record::grid_offset_ns},
-    telemetry::intake::{BatchTaken, PayloadRefused, RecordingTaken, SampleCounts, Source},
+    measurement::{Concentrator, Progress, Quality, Restart, SampleBatch, record::grid_offset_ns},
+    telemetry::intake::{
+        BatchTaken, PayloadRefused, RecordingTaken, SampleCounts, Source, StreamEnded, TimeStep,
+    },
 };
 
 /// All sites.
@@ -23,6 +25,12 @@ struct Stream {
     detector: Detector,
     /// When the last batch arrived; none when everything has been released since.
     arrived_ns: Option<i64>,
+    /// Which stream it was of.
+    heard: String,
+    /// How far an earlier run of the service had come; none once data have followed.
+    earlier: Option<Progress>,
+    /// Newest instant of which the store knows.
+    kept_ns: Option<i64>,
 }
 
 impl Streams {
@@ -79,15 +87,34 @@ impl Streams {
         window
     }
 
+    /// Takes note of how far an earlier run of the service had come.
+    pub(super) fn resume(&mut self, progress: Vec<(String, Progress)>) {
+        for (site, progress) in progress {
+            if let Some(stream) = self.sites.get_mut(&site) {
+                stream.kept_ns = Some(progress.newest_ns);
+                stream.earlier = Some(progress);
+            }
+        }
+    }
+
+    /// How far the sites have come that have come further since the last call.
+    pub(super) fn progress(&mut self) -> Vec<(String, Progress)> {
+        let streams = self.sites.iter_mut();
+        streams
+            .filter_map(|(site, stream)| Some((site.clone(), stream.progress()?)))
+            .collect()
+    }
+
     /// Ends the streams that have been silent for too long.
-    pub(super) fn end_silent(&mut self, now_ns: i64) -> Vec<Window> {
+    pub(super) fn end_silent(&mut self, now_ns: i64, out: &mut Outbox) -> Vec<Window> {
         let silence_ns = self.silence_ns;
-        self.end_where(|arrived_ns| now_ns.saturating_sub(arrived_ns) >= silence_ns)
+        let silent = |arrived_ns| now_ns.saturating_sub(arrived_ns) >= silence_ns;
+        self.end_where(silent, true, out)
     }
 
     /// Ends all streams: the service is stopping.
-    pub(super) fn end_all(&mut self) -> Vec<Window> {
-        self.end_where(|_| true)
+    pub(super) fn end_all(&mut self, out: &mut Outbox) -> Vec<Window> {
+        self.end_where(|_| true, false, out)
     }
 
     /// Whether nothing waits for more samples.
@@ -105,11 +132,16 @@ impl Streams {
         }
     }
 
-    fn end_where(&mut self, silent: impl Fn(i64) -> bool) -> Vec<Window> {
+    fn end_where(
+        &mut self,
+        wanted: impl Fn(i64) -> bool,
+        silent: bool,
+        out: &mut Outbox,
+    ) -> Vec<Window> {
         self.sites
             .values_mut()
-            .filter(|stream| stream.arrived_ns.is_some_and(&silent))
-            .flat_map(Stream::end)
+            .filter(|stream| stream.arrived_ns.is_some_and(&wanted))
+            .flat_map(|stream| stream.end(silent, out))
             .collect()
     }
 }
@@ -121,12 +153,19 @@ impl Stream {
             detector: Detector::new(&options.site, options.detector),
             options,
             arrived_ns: None,
+            heard: String::new(),
+            earlier: None,
+            kept_ns: None,
         }
     }
 
     fn push(&mut self, now_ns: i64, batch: &SampleBatch, out: &mut Outbox) -> Vec<Window> {
         self.arrived_ns = Some(now_ns);
+        batch.stream.clone_into(&mut self.heard);
+        let before = self.come_to();
         let report = self.concentrator.push(batch);
+        let (step, skipped) = self.step(before, report.restart, batch.start_ns);
+        let flagged = |flag| batch.quality.iter().filter(|q| q.contains(flag)).count() as u64;
         let (mut windows, mut missing) = (Vec::new(), 0);
         for run in self.concentrator.drain() {
             missing += run.missing as u64;
@@ -146,11 +185,24 @@ impl Stream {
                 out_of_order: report.out_of_order,
                 unusable: report.bad_quality,
                 missing,
+                skipped,
                 refused: report.off_grid + report.overflow,
+                invalid: flagged(Quality::DATA_INVALID),
+                stale: flagged(Quality::STALE),
+                not_finite: flagged(Quality::NOT_FINITE),
+                unsynchronised: flagged(Quality::NOT_SYNCHRONISED),
             },
             lost_before: report.lost_batches,
             newest_ns,
             lag_ns: now_ns.saturating_sub(newest_ns),
+            rate_fps: batch.rate_fps,
+            time_quality_code: batch
+                .quality
+                .iter()
+                .map(|quality| quality.time_quality_code())
+                .max()
+                .unwrap_or(0),
+            step,
         });
         if let Some(refusal) = report.refusal {
             out.report(PayloadRefused {
@@ -163,14 +215,71 @@ impl Stream {
         windows
     }
 
-    fn end(&mut self) -> Vec<Window> {
+    fn end(&mut self, silent: bool, out: &mut Outbox) -> Vec<Window> {
         self.arrived_ns = None;
-        let mut windows = Vec::new();
+        let (mut windows, mut missing) = (Vec::new(), 0);
         for run in self.concentrator.flush() {
+            missing += run.missing as u64;
             windows.extend(self.detector.push_run(&run));
         }
         windows.extend(self.detector.flush(Closing::StreamSilent));
+        out.report(StreamEnded {
+            site: self.options.site.name.clone(),
+            stream: self.heard.clone(),
+            missing,
+            silent,
+        });
         windows
+    }
+
+    /// How far its measurements have come, in this run of the service or before it.
+    fn come_to(&self) -> Option<Progress> {
+        let now = self
+            .concentrator
+            .newest_ns()
+            .zip(self.concentrator.rate_fps());
+        let now = now.map(|(newest_ns, rate_fps)| Progress {
+            newest_ns,
+            rate_fps,
+        });
+        now.or(self.earlier)
+    }
+
+    fn progress(&mut self) -> Option<Progress> {
+        let progress = self.come_to()?;
+        if self.kept_ns == Some(progress.newest_ns) {
+            return None;
+        }
+        self.kept_ns = Some(progress.newest_ns);
+        Some(progress)
+    }
+
+    /// How the time changed with a batch that starts at `start_ns`, and the instants that were passed over.
+    fn step(
+        &mut self,
+        before: Option<Progress>,
+        restart: Option<Restart>,
+        start_ns: i64,
+    ) -> (Option<TimeStep>, u64) {
+        let (Some(restart), Some(before)) = (restart, before) else {
+            return (None, 0);
+        };
+        self.earlier = None;
+        let skipped = before.instants_before(start_ns);
+        let kind = match restart {
+            // The first data of this run, and an earlier one had come to a moment that is not before.
+            Restart::First if skipped == 0 => return (None, 0),
+            Restart::First => "restart",
+            Restart::Forward { .. } => "forward",
+            Restart::Backward { .. } => "backward",
+            Restart::OffGrid { rate_fps } if (rate_fps - before.rate_fps).abs() < 1e-6 => "grid",
+            Restart::OffGrid { .. } => "rate",
+        };
+        let words = match restart {
+            Restart::First => format!("the service was away for {skipped} instants"),
+            other => other.to_string(),
+        };
+        (Some(TimeStep { kind, words }), skipped)
     }
 }
 

@@ -30,7 +30,7 @@ pub struct Declaration {
     pub name: &'static str,
     /// What it is.
     pub kind: Kind,
-    /// Labels, in order. `site` holds configured sites only; all others hold closed lists.
+    /// Labels, in order. `site` and `stream` hold configured names only; all others hold closed lists.
     pub labels: &'static [&'static str],
     /// What it counts, in one sentence.
     pub help: &'static str,
@@ -75,13 +75,25 @@ pub const BATCHES: Declaration = counter(
 pub const SAMPLES: Declaration = counter(
     "loadmodeld_samples_total",
     &["site", "outcome"],
-    "Samples by what became of them: accepted, late, duplicate, out_of_order, unusable, missing, refused.",
+    "Samples by what became of them: accepted, late, duplicate, out_of_order, unusable, missing, skipped, refused; and by what their source says of them: invalid, stale, not_finite, unsynchronised.",
 );
 /// Batches lost on the way.
 pub const BATCHES_LOST: Declaration = counter(
     "loadmodeld_batches_lost_total",
     &["site"],
     "Batches that never arrived, seen from gaps in the streams' own running numbers.",
+);
+/// Steps of a stream's time.
+pub const TIME_STEPS: Declaration = counter(
+    "loadmodeld_time_steps_total",
+    &["site", "kind"],
+    "Times a site's time grid began anew: forward, backward (a step in time), rate (another reporting rate), grid (stamps drifted off the grid), restart (data go on where an earlier run of the service ended, with a gap).",
+);
+/// Silences.
+pub const SILENCES: Declaration = counter(
+    "loadmodeld_silences_total",
+    &["site"],
+    "Times all streams of a site had been silent for longer than measurement.silence_s.",
 );
 /// Recordings taken in.
 pub const RECORDINGS: Declaration = counter(
@@ -98,8 +110,8 @@ pub const PAYLOADS_REFUSED: Declaration = counter(
 /// Frames of C37.118 streams.
 pub const FRAMES: Declaration = counter(
     "loadmodeld_frames_total",
-    &["outcome"],
-    "C37.118 frames by what became of them: sample, configuration, reconfiguration, other, no_configuration, not_as_configured, not_mapped, no_time, bad_checksum, malformed.",
+    &["site", "stream", "outcome"],
+    "C37.118 frames, by stream as the configuration calls it, by what became of them: sample, configuration, reconfiguration, other, no_configuration, not_as_configured, not_mapped, no_time, bad_checksum, malformed.",
 );
 /// Messages dropped by a full intake queue.
 pub const MESSAGES_DROPPED: Declaration = counter(
@@ -339,6 +351,8 @@ pub const CATALOGUE: &[Declaration] = &[
     BATCHES,
     SAMPLES,
     BATCHES_LOST,
+    TIME_STEPS,
+    SILENCES,
     RECORDINGS,
     PAYLOADS_REFUSED,
     FRAMES,

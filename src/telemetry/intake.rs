@@ -1,5 +1,7 @@
 //! Messages and samples coming in.
 
+use std::ops::AddAssign;
+
 use tracing::{debug, error, info, trace, warn};
 
 use super::{Metrics, Occurrence, catalogue};
@@ -46,8 +48,18 @@ pub struct SampleCounts {
     pub unusable: u64,
     /// Instants released without data.
     pub missing: u64,
+    /// Instants that a step forward in time or a restart of the service passed over.
+    pub skipped: u64,
     /// Off the grid or too far ahead, and dropped.
     pub refused: u64,
+    /// Received with the source's word that they are invalid.
+    pub invalid: u64,
+    /// Received as stale or interpolated.
+    pub stale: u64,
+    /// Received with a value that is no number.
+    pub not_finite: u64,
+    /// Received from a clock that was not synchronised; usable.
+    pub unsynchronised: u64,
 }
 
 /// A batch went into a site's stream.
@@ -65,6 +77,21 @@ pub struct BatchTaken {
     pub newest_ns: i64,
     /// Age of that sample, nanoseconds.
     pub lag_ns: i64,
+    /// Samples per second, as the batch says.
+    pub rate_fps: f64,
+    /// Worst message time quality of its samples (C37.118.2, table 4): 0 locked, 15 failed.
+    pub time_quality_code: u8,
+    /// How the stream's time or rate changed with it, if they did.
+    pub step: Option<TimeStep>,
+}
+
+/// A change of a stream's time or rate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TimeStep {
+    /// Word for the metric: forward, backward, rate, grid, restart.
+    pub kind: &'static str,
+    /// What happened, in words.
+    pub words: String,
 }
 
 impl Occurrence for BatchTaken {
@@ -82,7 +109,20 @@ impl Occurrence for BatchTaken {
             seconds(self.newest_ns),
         );
         metrics.set(&catalogue::SAMPLE_LAG, &[site], seconds(self.lag_ns));
+        metrics.streams().batch(self);
         trace!(site, stream = self.stream, samples = ?self.samples, "batch taken in");
+        if let Some(TimeStep { kind, words }) = &self.step {
+            metrics.add(&catalogue::TIME_STEPS, &[site, kind], 1);
+            let skipped = self.samples.skipped;
+            warn!(
+                site,
+                stream = self.stream,
+                kind,
+                words,
+                skipped,
+                "the stream's time begins anew"
+            );
+        }
         if self.samples.late > 0 {
             debug!(
                 site,
@@ -106,7 +146,7 @@ impl Occurrence for BatchTaken {
 impl SampleCounts {
     /// Each count with its label.
     #[must_use]
-    pub const fn by_outcome(&self) -> [(&'static str, u64); 7] {
+    pub const fn by_outcome(&self) -> [(&'static str, u64); 12] {
         [
             ("accepted", self.accepted),
             ("late", self.late),
@@ -114,8 +154,57 @@ impl SampleCounts {
             ("out_of_order", self.out_of_order),
             ("unusable", self.unusable),
             ("missing", self.missing),
+            ("skipped", self.skipped),
             ("refused", self.refused),
+            ("invalid", self.invalid),
+            ("stale", self.stale),
+            ("not_finite", self.not_finite),
+            ("unsynchronised", self.unsynchronised),
         ]
+    }
+}
+
+impl AddAssign for SampleCounts {
+    fn add_assign(&mut self, other: Self) {
+        self.accepted += other.accepted;
+        self.late += other.late;
+        self.duplicate += other.duplicate;
+        self.out_of_order += other.out_of_order;
+        self.unusable += other.unusable;
+        self.missing += other.missing;
+        self.skipped += other.skipped;
+        self.refused += other.refused;
+        self.invalid += other.invalid;
+        self.stale += other.stale;
+        self.not_finite += other.not_finite;
+        self.unsynchronised += other.unsynchronised;
+    }
+}
+
+/// A site's streams were taken to their end: they had fallen silent, or the service is stopping.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StreamEnded {
+    /// Site.
+    pub site: String,
+    /// The stream that was heard last.
+    pub stream: String,
+    /// Instants released without data.
+    pub missing: u64,
+    /// Whether it was for silence.
+    pub silent: bool,
+}
+
+impl Occurrence for StreamEnded {
+    fn emit(&self, metrics: &Metrics) {
+        let (site, stream, missing) = (self.site.as_str(), self.stream.as_str(), self.missing);
+        if missing > 0 {
+            metrics.add(&catalogue::SAMPLES, &[site, "missing"], missing);
+        }
+        if self.silent {
+            metrics.add(&catalogue::SILENCES, &[site], 1);
+            info!(site, stream, missing, "silent: what waited is released");
+        }
+        metrics.streams().ended(self);
     }
 }
 
@@ -189,6 +278,8 @@ pub struct FramesTaken {
     pub site: String,
     /// Stream.
     pub stream: String,
+    /// The stream as the configuration calls it: `*` for any that has no table of its own.
+    pub configured: String,
     /// How many had each outcome, by words from a closed list; only those that any had.
     pub outcomes: Vec<(&'static str, u64)>,
     /// The first one that could not be used: its outcome, and why.
@@ -199,8 +290,13 @@ impl Occurrence for FramesTaken {
     fn emit(&self, metrics: &Metrics) {
         let (site, stream) = (self.site.as_str(), self.stream.as_str());
         for &(outcome, count) in &self.outcomes {
-            metrics.add(&catalogue::FRAMES, &[outcome], count);
+            metrics.add(
+                &catalogue::FRAMES,
+                &[site, &self.configured, outcome],
+                count,
+            );
         }
+        metrics.streams().frames(self);
         trace!(site, stream, outcomes = ?self.outcomes, "frames taken in");
         if let Some((outcome, error)) = &self.trouble {
             warn!(site, stream, outcome, error, outcomes = ?self.outcomes, "frames not used");

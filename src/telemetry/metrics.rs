@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, fmt};
 use prometheus::{GaugeVec, HistogramOpts, HistogramVec, IntCounterVec, Opts, Registry};
 
 use super::{
-    CATALOGUE, Declaration, Kind,
+    CATALOGUE, Declaration, Kind, StreamTable,
     catalogue::{BUILD_INFO, START_TIMESTAMP},
 };
 
@@ -22,6 +22,7 @@ enum Family {
 pub struct Metrics {
     registry: Registry,
     families: BTreeMap<&'static str, Family>,
+    streams: StreamTable,
 }
 
 impl fmt::Debug for Metrics {
@@ -45,7 +46,17 @@ impl Metrics {
             let family = Family::register(declaration, &registry)?;
             families.insert(declaration.name, family);
         }
-        Ok(Self { registry, families })
+        Ok(Self {
+            registry,
+            families,
+            streams: StreamTable::default(),
+        })
+    }
+
+    /// What came in stream by stream: more than labels should hold.
+    #[must_use]
+    pub const fn streams(&self) -> &StreamTable {
+        &self.streams
     }
 
     /// Notes what is running and since when.

@@ -55,6 +55,9 @@ pub struct Source {
     pub pause: (Duration, Duration),
     /// Longest wait for a connection.
     pub connect_limit: Duration,
+    /// At the end: the silence after which the source is taken to have heard "data off", and the longest wait
+    /// for it. What it had sent before lies in the connection and would be lost uncounted.
+    pub farewell: (Duration, Duration),
     /// Bytes of the longest frame: the less, the sooner a damaged length is noticed.
     pub frame_bytes_max: usize,
 }
@@ -94,10 +97,8 @@ pub async fn run(
     let (shortest, longest) = source.pause;
     let mut pause = shortest;
     loop {
-        let end = tokio::select! {
-            () = stop.cancelled() => return,
-            end = client.one_connection(stop) => end,
-        };
+        // Not raced against the stop: a connection that stands is to be left in good order.
+        let end = client.one_connection(stop).await;
         client.note(end);
         if end == End::Stopped || outlet.is_closed() {
             return;
@@ -142,8 +143,12 @@ enum End {
 
 impl Client<'_> {
     async fn one_connection(&mut self, stop: &CancellationToken) -> End {
-        let link = Link::open(self.source);
-        let mut link = match timeout(self.source.connect_limit, link).await {
+        let opening = timeout(self.source.connect_limit, Link::open(self.source));
+        let opened = tokio::select! {
+            () = stop.cancelled() => return End::Stopped,
+            opened = opening => opened,
+        };
+        let mut link = match opened {
             Ok(Ok(link)) => link,
             Ok(Err(error)) => {
                 tracing::warn!(source = self.source.address, %error, "cannot connect");
@@ -188,6 +193,9 @@ impl Client<'_> {
                 () = stop.cancelled() => {
                     let farewell = self.dialogue.farewell(self.now_ms());
                     self.carry_out(link, farewell.into_iter().collect()).await?;
+                    let limit = self.source.farewell.1;
+                    let rest = self.take_rest(link, decoder, &mut bytes);
+                    timeout(limit, rest).await.ok();
                     return Ok(End::Stopped);
                 }
                 read = link.read(&mut bytes) => {
@@ -200,6 +208,24 @@ impl Client<'_> {
                 _ = tick.tick() => self.dialogue.tick(self.now_ms()),
             };
             self.publish_counts(decoder);
+        }
+    }
+
+    /// Hands on what is on its way from a source that has been told to stop.
+    async fn take_rest(&mut self, link: &mut Link, decoder: &mut StreamDecoder, bytes: &mut [u8]) {
+        // A source that is not commanded never ceases: only what is there already is taken.
+        let silence = if self.source.dialogue.commanded {
+            self.source.farewell.0
+        } else {
+            Duration::ZERO
+        };
+        while let Ok(Ok(count @ 1..)) = timeout(silence, link.read(bytes)).await {
+            let steps = self.frames(decoder, &bytes[..count], link.is_datagrams());
+            // Nothing more is said to the source.
+            let steps = steps.into_iter().filter(|s| !matches!(s, Step::Send(_)));
+            if self.carry_out(link, steps.collect()).await.is_err() {
+                return;
+            }
         }
     }
 

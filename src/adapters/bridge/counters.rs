@@ -27,6 +27,8 @@ pub struct Totals {
     pub delivered: u64,
     /// Frames that could not be published.
     pub unpublished: u64,
+    /// Frames published while nobody subscribed to them: no daemon, or no way to it.
+    pub unheard: u64,
 }
 
 /// Totals that several tasks write.
@@ -48,7 +50,7 @@ impl Counters {
 impl Totals {
     /// Each count with its name, for a log line or a document.
     #[must_use]
-    pub const fn named(&self) -> [(&'static str, u64); 20] {
+    pub const fn named(&self) -> [(&'static str, u64); 21] {
         let (stream, dialogue) = (&self.stream, &self.dialogue);
         [
             ("connections", self.connections),
@@ -71,6 +73,7 @@ impl Totals {
             ("dropped", self.dropped),
             ("delivered", self.delivered),
             ("unpublished", self.unpublished),
+            ("unheard", self.unheard),
         ]
     }
 }

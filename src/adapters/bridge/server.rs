@@ -12,10 +12,13 @@ use std::{
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
     net::{TcpListener, TcpStream},
-    sync::broadcast::{self, error::RecvError},
+    sync::broadcast::{
+        self,
+        error::{RecvError, TryRecvError},
+    },
     time::timeout,
 };
-use tokio_util::sync::CancellationToken;
+use tokio_util::{sync::CancellationToken, task::TaskTracker};
 
 use crate::adapters::c37118::{Command, Frame, StreamDecoder, decode};
 
@@ -25,6 +28,11 @@ const SEND_LIMIT: Duration = Duration::from_secs(5);
 const COMMAND_BYTES_MAX: usize = 4096;
 /// Frames that wait for a client; a slower one loses the oldest.
 const WAITING_MAX: usize = 1024;
+/// Longest wait at the end for a client to take what still waits for it.
+const REST_LIMIT: Duration = Duration::from_mins(1);
+/// Longest wait after the last frame for a client to close. A connection that is closed on this side
+/// while a command of the client lies unread is reset, and the client loses what it has not read.
+const CLOSE_LIMIT: Duration = Duration::from_secs(10);
 
 /// Frames with which a station answers.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -47,6 +55,7 @@ pub struct Station {
     answers: Mutex<Arc<Answers>>,
     frames: broadcast::Sender<Arc<[u8]>>,
     lost: AtomicU64,
+    ended: CancellationToken,
 }
 
 impl Station {
@@ -58,6 +67,7 @@ impl Station {
             answers: Mutex::new(Arc::new(answers)),
             frames,
             lost: AtomicU64::new(0),
+            ended: CancellationToken::new(),
         }
     }
 
@@ -72,13 +82,12 @@ impl Station {
         self.frames.receiver_count()
     }
 
-    /// Frames that some client has not taken yet.
-    #[must_use]
-    pub fn waiting(&self) -> usize {
-        self.frames.len()
+    /// Nothing is sent any more: clients get what waits for them, then [`serve`] ends.
+    pub fn end(&self) {
+        self.ended.cancel();
     }
 
-    /// Frames that clients were too slow for.
+    /// Frames that clients were too slow for, or that waited for a client when its connection broke.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost.load(Ordering::Relaxed)
@@ -94,17 +103,20 @@ impl Station {
     }
 }
 
-/// Serves clients until it is told to stop.
+/// Serves clients until it is told to stop, which breaks their connections, or until the station has
+/// ended and every client has what was sent before.
 pub async fn serve(station: Arc<Station>, listener: TcpListener, stop: CancellationToken) {
+    let clients = TaskTracker::new();
     loop {
         let accepted = tokio::select! {
             () = stop.cancelled() => return,
+            () = station.ended.cancelled() => break,
             accepted = listener.accept() => accepted,
         };
         match accepted {
             Ok((stream, address)) => {
                 let (station, stop) = (Arc::clone(&station), stop.clone());
-                tokio::spawn(async move {
+                clients.spawn(async move {
                     tracing::info!(%address, "client connected");
                     let served = tokio::select! {
                         () = stop.cancelled() => Ok(()),
@@ -119,38 +131,98 @@ pub async fn serve(station: Arc<Station>, listener: TcpListener, stop: Cancellat
             Err(error) => tracing::warn!(%error, "a client could not be accepted"),
         }
     }
+    clients.close();
+    tokio::select! {
+        () = stop.cancelled() => {}
+        () = clients.wait() => {}
+    }
 }
 
-/// Attends to one client until it goes.
+type Frames = broadcast::Receiver<Arc<[u8]>>;
+
+/// Attends to one client until it goes or everything has been sent.
 async fn attend(station: &Station, mut stream: TcpStream) -> io::Result<()> {
     stream.set_nodelay(true)?;
+    let mut subscription: Option<Frames> = None;
+    let talked = talk(station, &mut stream, &mut subscription).await;
+    let Ok(Talk::StationEnded) = talked else {
+        let waiting = subscription.map_or(0, |frames| frames.len() as u64);
+        if talked.is_err() {
+            station.lost.fetch_add(waiting, Ordering::Relaxed);
+        }
+        return talked.map(|_| ());
+    };
+    if let Some(mut frames) = subscription {
+        let rest = timeout(REST_LIMIT, send_rest(station, &mut stream, &mut frames)).await;
+        let rest = rest.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()));
+        if rest.is_err() {
+            let waiting = frames.len() as u64;
+            station.lost.fetch_add(waiting, Ordering::Relaxed);
+            return rest;
+        }
+    }
+    stream.shutdown().await?;
+    timeout(CLOSE_LIMIT, until_closed(&mut stream)).await.ok();
+    Ok(())
+}
+
+/// Why a conversation is over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Talk {
+    ClientGone,
+    StationEnded,
+}
+
+async fn talk(
+    station: &Station,
+    stream: &mut TcpStream,
+    subscription: &mut Option<Frames>,
+) -> io::Result<Talk> {
     let mut decoder = StreamDecoder::with_limit(COMMAND_BYTES_MAX);
-    let mut subscription: Option<broadcast::Receiver<Arc<[u8]>>> = None;
     let mut bytes = [0; COMMAND_BYTES_MAX];
     loop {
         tokio::select! {
+            () = station.ended.cancelled() => return Ok(Talk::StationEnded),
             read = stream.read(&mut bytes) => {
                 let count = read?;
                 if count == 0 {
-                    return Ok(());
+                    return Ok(Talk::ClientGone);
                 }
                 decoder.push(&bytes[..count]);
                 while let Some(frame) = decoder.next_frame() {
-                    let answer = answer(station, &frame, &mut subscription);
-                    write(&mut stream, &answer).await?;
+                    let answer = answer(station, &frame, subscription);
+                    write(stream, &answer).await?;
                 }
             }
-            frame = next_frame(station, &mut subscription) => write(&mut stream, &frame).await?,
+            frame = next_frame(station, subscription) => send(station, stream, &frame).await?,
         }
     }
 }
 
-/// Bytes to answer a command with; data frames begin or cease with the subscription.
-fn answer(
+/// Sends what waited for the client when the station ended.
+async fn send_rest(
     station: &Station,
-    frame: &[u8],
-    subscription: &mut Option<broadcast::Receiver<Arc<[u8]>>>,
-) -> Vec<u8> {
+    stream: &mut TcpStream,
+    frames: &mut Frames,
+) -> io::Result<()> {
+    loop {
+        match frames.try_recv() {
+            Ok(frame) => send(station, stream, &frame).await?,
+            Err(TryRecvError::Lagged(count)) => {
+                station.lost.fetch_add(count, Ordering::Relaxed);
+            }
+            Err(TryRecvError::Empty | TryRecvError::Closed) => return Ok(()),
+        }
+    }
+}
+
+async fn until_closed(stream: &mut TcpStream) {
+    let mut bytes = [0; COMMAND_BYTES_MAX];
+    while let Ok(1..) = stream.read(&mut bytes).await {}
+}
+
+/// Bytes to answer a command with; data frames begin or cease with the subscription.
+fn answer(station: &Station, frame: &[u8], subscription: &mut Option<Frames>) -> Vec<u8> {
     let answers = station.answers();
     let Ok(Frame::Command(command)) = decode(frame) else {
         return Vec::new();
@@ -173,10 +245,7 @@ fn answer(
 }
 
 /// The next data frame; never ready for a client that has not asked for data.
-async fn next_frame(
-    station: &Station,
-    subscription: &mut Option<broadcast::Receiver<Arc<[u8]>>>,
-) -> Arc<[u8]> {
+async fn next_frame(station: &Station, subscription: &mut Option<Frames>) -> Arc<[u8]> {
     loop {
         let Some(frames) = subscription else {
             return std::future::pending().await;
@@ -189,6 +258,15 @@ async fn next_frame(
             Err(RecvError::Closed) => *subscription = None,
         }
     }
+}
+
+/// Sends a data frame; one that the client does not take is lost.
+async fn send(station: &Station, stream: &mut TcpStream, frame: &[u8]) -> io::Result<()> {
+    let written = write(stream, frame).await;
+    if written.is_err() {
+        station.lost.fetch_add(1, Ordering::Relaxed);
+    }
+    written
 }
 
 async fn write(stream: &mut TcpStream, bytes: &[u8]) -> io::Result<()> {

@@ -10,3 +10,4 @@ mod intake;
 mod mutants;
 mod playing;
 mod streams;
+mod tshark;

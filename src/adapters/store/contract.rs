@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     disturbance::{Screening, Window},
-    measurement::Site,
+    measurement::{Progress, Site},
 };
 
 /// Durable memory of the service. Synchronous: call it from a thread that may block.
@@ -32,6 +32,14 @@ pub trait Store: fmt::Debug + Send + Sync {
 
     /// All sites, by name.
     fn sites(&self) -> Result<Vec<Site>, StoreError>;
+
+    /// Keeps how far sites' measurements have come; what was kept of them before is replaced.
+    ///
+    /// [`StoreError::Unknown`] when one of the sites was never saved.
+    fn save_progress(&self, progress: &[(String, Progress)]) -> Result<(), StoreError>;
+
+    /// How far each site's measurements had come, by name.
+    fn progress(&self) -> Result<Vec<(String, Progress)>, StoreError>;
 
     /// Keeps a window with its waveforms. Comes before anything else is done with it. A window
     /// whose id is known is left as it was.

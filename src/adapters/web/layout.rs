@@ -135,6 +135,7 @@ fn document(title: &str, live: Option<&str>, body: &Markup, twins: &Markup) -> M
                     a.brand href="/" { "loadmodeld" }
                     nav aria-label="Main" {
                         a href="/sites" { "Sites" }
+                        a href="/streams" { "Streams" }
                         a href="/health" { "Health" }
                     }
                     span.spring {}

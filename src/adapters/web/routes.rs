@@ -15,7 +15,9 @@ use super::{
     assets,
     desk::Desk,
     openapi,
-    pages::{compare, diagnosis, event, events, health, sets, sites, solutions, structure},
+    pages::{
+        compare, diagnosis, event, events, health, sets, sites, solutions, streams, structure,
+    },
     problem::Problem,
     session, updates,
     view::Form,
@@ -67,6 +69,7 @@ fn pages() -> Pages {
         ("/sites/{site}/structure", get(structure::show)),
         ("/sites/{site}/solutions", get(solutions::show)),
         ("/sites/{site}/sets", get(sets::show)),
+        ("/streams", get(streams::show)),
         ("/health", get(health::show)),
     ] {
         router = twins(router, path, &page);

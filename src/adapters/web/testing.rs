@@ -23,6 +23,7 @@ pub(super) const TOKEN: &str = "0123456789abcdef";
 pub(super) struct Server {
     address: SocketAddr,
     task: JoinHandle<()>,
+    pub(super) metrics: Arc<Metrics>,
     /// An event of `site-01` with waveforms.
     pub(super) event: String,
     _directory: TempDir,
@@ -60,9 +61,10 @@ impl Server {
         let health = Health::new(|| 0);
         health.set_store(true);
         health.set_zenoh(true);
+        let metrics = Arc::new(Metrics::new().unwrap());
         let context = Arc::new(Context {
             store: Arc::new(store),
-            metrics: Arc::new(Metrics::new().unwrap()),
+            metrics: Arc::clone(&metrics),
             health: Arc::new(health),
             actions: Actions::new(Token::new(TOKEN).ok(), |_| {}),
             open_pages: false,
@@ -79,6 +81,7 @@ impl Server {
         Self {
             address,
             task,
+            metrics,
             event: window.id,
             _directory: directory,
         }

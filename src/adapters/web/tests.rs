@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use super::testing::{Server, TOKEN};
+use crate::telemetry::{Occurrence, intake::FramesTaken};
 
 const FORM: (&str, &str) = ("Content-Type", "application/x-www-form-urlencoded");
 
@@ -18,6 +19,7 @@ async fn every_page_has_its_twins_and_names_no_other_host() {
         "/sites/site-01/structure",
         "/sites/site-01/solutions",
         "/sites/site-01/sets",
+        "/streams",
         "/health",
     ] {
         let page = server.get(path).await;
@@ -54,6 +56,31 @@ async fn every_page_has_its_twins_and_names_no_other_host() {
             charts.body
         );
     }
+}
+
+#[tokio::test]
+async fn a_stream_is_shown_with_what_is_wrong_with_it() {
+    let server = Server::start().await;
+    let empty = server.get("/streams").await.body;
+    assert!(empty.contains("Nothing has come in yet."), "{empty}");
+    FramesTaken {
+        site: "site-01".to_owned(),
+        stream: "<b>pmu".to_owned(),
+        configured: "*".to_owned(),
+        outcomes: vec![("sample", 5), ("bad_checksum", 2)],
+        trouble: None,
+    }
+    .emit(&server.metrics);
+    let page = server.get("/streams").await.body;
+    assert!(page.contains("2 bad checksum"), "{page}");
+    assert!(
+        page.contains("&lt;b&gt;pmu"),
+        "a name from the network is text"
+    );
+    let json: Value = serde_json::from_str(&server.get("/streams.json").await.body).unwrap();
+    assert_eq!(json["streams"][0]["frames"]["bad_checksum"], 2, "{json}");
+    let csv = server.get("/streams.csv").await.body;
+    assert!(csv.contains("2 bad checksum"), "{csv}");
 }
 
 #[tokio::test]

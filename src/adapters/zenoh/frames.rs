@@ -8,16 +8,18 @@ use std::{
 use zenoh::{
     Session, Wait,
     bytes::Encoding,
+    pubsub::Publisher,
+    qos::CongestionControl,
     query::{Query, Queryable},
 };
 
-use super::{Keys, ZenohError, session};
+use super::{Keys, ZenohError};
 
 /// Puts the frames of one source on the measurement keys of one or several sites.
 #[derive(Debug)]
 pub struct FramePublisher {
-    session: Session,
-    keys: Vec<String>,
+    /// One per site.
+    publishers: Vec<Publisher<'static>>,
     configuration: Arc<Mutex<Vec<u8>>>,
     /// Answers while it lives.
     _queryables: Vec<Queryable<()>>,
@@ -37,6 +39,7 @@ impl FramePublisher {
     ) -> Result<Self, ZenohError> {
         let configuration = Arc::new(Mutex::new(Vec::new()));
         let mut queryables = Vec::with_capacity(sites.len());
+        let mut publishers = Vec::with_capacity(sites.len());
         for site in sites {
             let key = keys.configuration(site, stream);
             let known = Arc::clone(&configuration);
@@ -49,32 +52,52 @@ impl FramePublisher {
                     reason: error.to_string(),
                 })?;
             queryables.push(queryable);
+            let key = keys.measurement(site, stream);
+            let publisher = session
+                .declare_publisher(key.clone())
+                .encoding(Encoding::default())
+                .congestion_control(CongestionControl::Block)
+                .await
+                .map_err(|error| ZenohError::Declare {
+                    key,
+                    reason: error.to_string(),
+                })?;
+            publishers.push(publisher);
         }
-        let measurement = |site: &String| keys.measurement(site, stream);
         Ok(Self {
-            session: session.clone(),
-            keys: sites.iter().map(measurement).collect(),
+            publishers,
             configuration,
             _queryables: queryables,
         })
     }
 
     /// Puts whole frames, one behind the other, on every key. Waits while the network is congested, but
-    /// not longer than `limit`.
+    /// not longer than `limit`. Returns whether every key has a subscriber, as far as is known here: what is
+    /// put where nobody subscribes is gone.
     ///
     /// # Errors
     ///
     /// [`ZenohError::Publish`].
-    pub async fn put(&self, frames: &[u8], limit: Duration) -> Result<(), ZenohError> {
-        for key in &self.keys {
-            let put = session::put(&self.session, key, frames.to_vec(), Encoding::default());
-            let late = |_| ZenohError::Publish {
-                key: key.clone(),
-                reason: format!("the network did not take it within {} s", limit.as_secs()),
+    pub async fn put(&self, frames: &[u8], limit: Duration) -> Result<bool, ZenohError> {
+        let mut heard = true;
+        for publisher in &self.publishers {
+            let failed = |reason| ZenohError::Publish {
+                key: publisher.key_expr().to_string(),
+                reason,
             };
-            tokio::time::timeout(limit, put).await.map_err(late)??;
+            let late = |_| {
+                failed(format!(
+                    "the network did not take it within {} s",
+                    limit.as_secs()
+                ))
+            };
+            let put = async { publisher.put(frames.to_vec()).await };
+            let put = tokio::time::timeout(limit, put).await.map_err(late)?;
+            put.map_err(|error| failed(error.to_string()))?;
+            let status = publisher.matching_status().await;
+            heard &= status.is_ok_and(|status| status.matching());
         }
-        Ok(())
+        Ok(heard)
     }
 
     /// Remembers a configuration, one or several whole frames, for who asks, and puts it on every key.
@@ -86,7 +109,7 @@ impl FramePublisher {
         &self,
         frames: Vec<u8>,
         limit: Duration,
-    ) -> Result<(), ZenohError> {
+    ) -> Result<bool, ZenohError> {
         frames.clone_into(
             &mut self
                 .configuration

@@ -22,10 +22,6 @@ use crate::{
 const BETWEEN_EVENTS_S: f64 = 2.0;
 /// Period of looking whether somebody listens.
 const LISTENING_PERIOD: Duration = Duration::from_millis(20);
-/// Longest wait at the end for clients that have not taken every frame.
-const SLOW_CLIENTS: Duration = Duration::from_secs(10);
-/// Time for the last frames to go out, before connections are closed.
-const LAST_FRAMES: Duration = Duration::from_millis(200);
 
 /// What was played.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -83,7 +79,7 @@ impl<'p> Programme<'p> {
         let stop = CancellationToken::new();
         let _stopped = stop.clone().drop_guard();
         let served = server::serve(Arc::clone(&station), listener, stop);
-        tokio::spawn(served);
+        let served = tokio::spawn(served);
         while station.listeners() == 0 {
             sleep(LISTENING_PERIOD).await;
         }
@@ -100,11 +96,8 @@ impl<'p> Programme<'p> {
             }
             sleep(pace.of(BETWEEN_EVENTS_S)).await;
         }
-        let limit = Instant::now() + SLOW_CLIENTS;
-        while station.waiting() > 0 && Instant::now() < limit {
-            sleep(LISTENING_PERIOD).await;
-        }
-        sleep(LAST_FRAMES).await;
+        station.end();
+        served.await.map_err(Error::other)?;
         Ok(PlayedFrames {
             frames,
             lost: station.lost(),

@@ -85,7 +85,7 @@ fn every_captured_frame_decodes_and_is_written_back_byte_for_byte() {
 }
 
 /// Decoded values in the words of tshark: magnitude and degrees of phasors, Hz, Hz/s, contacts.
-fn in_tshark_words(configuration: &Configuration, frame: &DataFrame) -> Vec<f64> {
+pub(super) fn in_tshark_words(configuration: &Configuration, frame: &DataFrame) -> Vec<f64> {
     let mut values = Vec::new();
     for (pmu, data) in configuration.pmus.iter().zip(&frame.pmus) {
         for (channel, phasor) in pmu.phasors.iter().zip(&data.phasors) {
@@ -100,7 +100,7 @@ fn in_tshark_words(configuration: &Configuration, frame: &DataFrame) -> Vec<f64>
 }
 
 /// The same numbers out of tshark's text; one list for each data frame.
-fn out_of_tshark(text: &str) -> Vec<Vec<f64>> {
+pub(super) fn out_of_tshark(text: &str) -> Vec<Vec<f64>> {
     let number = |text: &str| -> f64 {
         let text = text.trim().trim_end_matches(['H', 'z', '/', 's', ')']);
         match text.strip_prefix("0x") {

@@ -7,7 +7,7 @@ use crate::{
         wire::v1::{encode_waveforms, examples},
     },
     disturbance::Screening,
-    measurement::Site,
+    measurement::{Progress, Site},
 };
 
 pub(super) const CHECKS: &[Check] = &[
@@ -21,6 +21,7 @@ pub(super) const CHECKS: &[Check] = &[
     ("windows are counted by site", windows_are_counted),
     ("a summary is announced once", announced_once),
     ("odd names are kept as they are", odd_names),
+    ("progress is kept and replaced", progress_is_replaced),
 ];
 
 const ALL: WindowQuery<'_> = WindowQuery {
@@ -87,6 +88,21 @@ fn unknown_site(store: &dyn Store) {
         "cannot save a window: there is no site `nowhere`"
     );
     assert!(ids(store, &ALL).is_empty());
+}
+
+fn progress_is_replaced(store: &dyn Store) {
+    let at = |newest_ns| Progress {
+        newest_ns,
+        rate_fps: 50.0,
+    };
+    let of_site = |progress| vec![("site-01".to_owned(), progress)];
+    assert!(store.progress().unwrap().is_empty());
+    store.save_progress(&of_site(at(7))).unwrap();
+    store.save_progress(&of_site(at(5))).unwrap();
+    let unknown = [of_site(at(9)), vec![("nowhere".to_owned(), at(9))]].concat();
+    let error = store.save_progress(&unknown).unwrap_err();
+    assert!(matches!(error, StoreError::Unknown { what: "site", .. }));
+    assert_eq!(store.progress().unwrap(), of_site(at(5)), "all or nothing");
 }
 
 fn screening_is_replaced(store: &dyn Store) {

@@ -16,9 +16,10 @@ const APPLICATION_ID: i32 = 0x4c4d_4431;
 
 /// The schema, step by step; the number of a step is its place, from 1. A step that has been
 /// released is never changed.
-const MIGRATIONS: [&str; 2] = [
+const MIGRATIONS: [&str; 3] = [
     include_str!("migrations/0001_initial.sql"),
     include_str!("migrations/0002_diagnoses_and_structures.sql"),
+    include_str!("migrations/0003_progress.sql"),
 ];
 
 /// Bytes per page, SQLite's own default, fixed here because the size limit counts pages.

@@ -10,7 +10,7 @@ use crate::{
         WindowSummary, WindowTally,
     },
     disturbance::{Screening, Window},
-    measurement::Site,
+    measurement::{Progress, Site},
 };
 
 impl Store for SqliteStore {
@@ -22,6 +22,16 @@ impl Store for SqliteStore {
 
     fn sites(&self) -> Result<Vec<Site>, StoreError> {
         self.read(Operation("list sites"), windows::sites)
+    }
+
+    fn save_progress(&self, progress: &[(String, Progress)]) -> Result<(), StoreError> {
+        self.write(Operation("save the progress"), |t| {
+            windows::save_progress(t, progress)
+        })
+    }
+
+    fn progress(&self) -> Result<Vec<(String, Progress)>, StoreError> {
+        self.read(Operation("read the progress"), windows::progress)
     }
 
     fn save_window(&self, window: &Window, now_ns: i64) -> Result<Saved, StoreError> {

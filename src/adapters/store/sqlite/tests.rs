@@ -248,7 +248,7 @@ fn a_newer_schema_is_refused_and_left_alone() {
     let error = open(&path).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the store has schema 99, this program knows schemas up to 2: use the newer program"
+        "the store has schema 99, this program knows schemas up to 3: use the newer program"
     );
 }
 

@@ -15,7 +15,7 @@ use crate::{
         },
     },
     disturbance::{Screening, Trigger, Window},
-    measurement::Site,
+    measurement::{Progress, Site},
 };
 
 pub(super) fn save_site(
@@ -53,6 +53,36 @@ pub(super) fn sites(connection: &Connection) -> Result<Vec<Site>, Trouble> {
         })
     })?;
     Ok(sites.collect::<Result<_, _>>()?)
+}
+
+pub(super) fn save_progress(
+    transaction: &Transaction<'_>,
+    progress: &[(String, Progress)],
+) -> Result<(), Trouble> {
+    for (site, progress) in progress {
+        site_is_known(transaction, site)?;
+        transaction
+            .prepare_cached(
+                "INSERT INTO progress (site, newest_ns, rate_fps) VALUES (?1, ?2, ?3)
+                 ON CONFLICT (site) DO UPDATE SET
+                     newest_ns = excluded.newest_ns, rate_fps = excluded.rate_fps",
+            )?
+            .execute(params![site, progress.newest_ns, progress.rate_fps])?;
+    }
+    Ok(())
+}
+
+pub(super) fn progress(connection: &Connection) -> Result<Vec<(String, Progress)>, Trouble> {
+    let mut statement = connection
+        .prepare_cached("SELECT site, newest_ns, rate_fps FROM progress ORDER BY site")?;
+    let rows = statement.query_map([], |row| {
+        let progress = Progress {
+            newest_ns: row.get(1)?,
+            rate_fps: row.get(2)?,
+        };
+        Ok((row.get(0)?, progress))
+    })?;
+    Ok(rows.collect::<Result<_, _>>()?)
 }
 
 pub(super) fn save_window(

@@ -16,5 +16,6 @@ mod set_view;
 pub(super) mod sets;
 pub(super) mod sites;
 pub(super) mod solutions;
+pub(super) mod streams;
 pub(super) mod structure;
 mod structure_view;

@@ -1,5 +1,7 @@
 //! What is written is read back: values, times, texts, contacts.
 
+use std::process::Command;
+
 use crate::adapters::recordings::comtrade::{
     AnalogChannel, DataFormat, DigitalChannel, Encoded, LeapSecond, Options, Recording, Revision,
     Scaling, Segment, TimeCode, decode, decode_container, encode, encode_container, read, write,
@@ -131,6 +133,104 @@ fn every_format_is_read_back_with_its_own_accuracy() {
         let container = encode_container(&written, format).unwrap();
         let found = decode_container(&container, &Options::default()).unwrap();
         assert_same(&written, &found, format);
+    }
+}
+
+/// Values of the files named on the command line, as the Python package `comtrade` reads them.
+const READER: &str = "
+import comtrade, json, sys
+for path in sys.argv[1:]:
+    found = comtrade.load(path)
+    print(json.dumps({
+        'station': found.station_name, 'count': found.total_samples, 'names': found.analog_channel_ids,
+        'times': list(found.time), 'analog': [list(values) for values in found.analog],
+        'contacts': [list(values) for values in found.status],
+    }))
+";
+
+#[test]
+fn python_comtrade_reads_the_same_values_from_what_is_written() {
+    let python = std::env::var_os("LOADMODELD_TEST_PYTHON").unwrap_or_else(|| "python3".into());
+    let run = |code: &str, paths: &[std::path::PathBuf]| {
+        let mut command = Command::new(&python);
+        command.args(["-c", code]).args(paths).output()
+    };
+    if !run("import comtrade", &[]).is_ok_and(|tried| tried.status.success()) {
+        println!("SKIPPED: files in the eyes of python (no Python with the PyPI package comtrade)");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let written = recording();
+    let names = FORMATS.map(|format| ["cfg", "cff"].map(|ending| (format, ending)));
+    let mut paths = Vec::new();
+    for (format, ending) in names.as_flattened() {
+        let path = folder.path().join(format!("{format:?}.{ending}"));
+        write(&path, &written, *format).unwrap();
+        paths.push(path);
+    }
+    let output = run(READER, &paths).unwrap();
+    let words = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{words}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    let found: Vec<serde_json::Value> = text
+        .lines()
+        // Missing values are NaN in Python's JSON.
+        .map(|line| serde_json::from_str(&line.replace("NaN", "null")).unwrap())
+        .collect();
+    assert_eq!(found.len(), paths.len());
+    for ((format, _), found) in names.as_flattened().iter().zip(&found) {
+        assert_as_python_reads(&written, found, *format);
+    }
+}
+
+fn assert_as_python_reads(written: &Recording, found: &serde_json::Value, format: DataFormat) {
+    assert_eq!(found["station"], written.station.as_str());
+    assert_eq!(found["count"], written.time_s.len());
+    for (n, time_s) in written.time_s.iter().enumerate() {
+        // It holds times in single precision.
+        let off_s = found["times"][n].as_f64().unwrap() - time_s;
+        assert!(
+            off_s.abs() < 1e-6,
+            "{format:?}, sample {n}: off by {off_s} s"
+        );
+    }
+    for (at, channel) in written.analog.iter().enumerate() {
+        assert_eq!(found["names"][at], channel.name.as_str());
+        let tolerance = tolerance(format, channel);
+        for (n, value) in channel
+            .values
+            .iter()
+            .enumerate()
+            .filter(|(_, v)| v.is_finite())
+        {
+            let read = found["analog"][at][n].as_f64().unwrap();
+            // And values likewise.
+            let off = (read - value).abs() - 2e-7 * value.abs();
+            assert!(
+                off <= tolerance,
+                "{format:?} {}: {read}, not {value}",
+                channel.name
+            );
+        }
+    }
+    for (at, contact) in written.digital.iter().enumerate() {
+        let closed = |n: usize| {
+            let changes = contact
+                .changes
+                .iter()
+                .filter(|change| **change <= n)
+                .count();
+            contact.initial ^ !changes.is_multiple_of(2)
+        };
+        for n in 0..written.time_s.len() {
+            let read = found["contacts"][at][n].as_i64().unwrap();
+            assert_eq!(
+                read == 1,
+                closed(n),
+                "{format:?} {}, sample {n}",
+                contact.name
+            );
+        }
     }
 }
 
