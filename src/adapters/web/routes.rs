@@ -35,6 +35,7 @@ pub(in crate::adapters) fn router(context: Arc<Context>) -> Router {
     pages()
         .layer(middleware::from_fn(within_limit))
         .route("/sites/{site}/updates", get(updates::stream))
+        .route("/updates", get(updates::stream_of_all))
         .route("/api/v1/openapi.json", get(openapi::document))
         .route("/session", get(session::ask).post(session::open))
         .route("/static/{mark}/{name}", get(assets::serve))
