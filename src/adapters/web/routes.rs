@@ -15,7 +15,9 @@ use super::{
     assets,
     desk::Desk,
     openapi,
-    pages::{compare, diagnosis, event, events, health, sets, sites, solutions, structure},
+    pages::{
+        compare, diagnosis, event, events, health, recordings, sets, sites, solutions, structure,
+    },
     problem::Problem,
     session, updates,
     view::Form,
@@ -54,6 +56,11 @@ fn pages() -> Pages {
             get(diagnosis::show_one),
         )
         .route("/sites/{site}/sets/{version}", get(sets::show_one))
+        .route("/sites/{site}/recordings/{id}", get(recordings::show_one))
+        .route(
+            "/sites/{site}/recordings",
+            post(recordings::take).layer(DefaultBodyLimit::max(recordings::FILES_BYTES_MAX)),
+        )
         .route("/sites/{site}/structure", post(structure::change))
         .route(
             "/sites/{site}/sets/{version}/roll-back",
@@ -67,6 +74,7 @@ fn pages() -> Pages {
         ("/sites/{site}/diagnosis", get(diagnosis::show)),
         ("/sites/{site}/structure", get(structure::show)),
         ("/sites/{site}/solutions", get(solutions::show)),
+        ("/sites/{site}/recordings", get(recordings::show)),
         ("/sites/{site}/sets", get(sets::show)),
         ("/health", get(health::show)),
     ] {

@@ -249,7 +249,7 @@ fn events(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
     html! {
         h2 { "Where it fails, event by event" }
         div.scroll tabindex="0" role="region" aria-label="Failures by event" {
-            table.list {
+            table.list.cards {
                 thead { tr { th scope="col" { "Event" } th scope="col" { "Use" } th.num scope="col" { "Lowest V / V0" }
                     th.num scope="col" { "Error / noise" } th scope="col" { "In a sentence" } } }
                 tbody { @for failure in &diagnosis.failures { tr {

@@ -279,6 +279,7 @@ impl Page for Events {
                     }
                     p.actions {
                         button type="submit" { "Compare the two ticked events" }
+                        a href=(self.head.address("recordings")) { "Compare a recording of your own" }
                         (self.pager())
                     }
                 }

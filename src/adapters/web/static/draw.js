@@ -38,7 +38,7 @@ export function logarithmicTicks(low, high, count) {
 
 // What stands at a place of a logarithmic axis, without the last digits' rounding.
 function numberAt(logarithm) {
-  const digit = 10 ** (Math.floor(logarithm) - 1), value = Math.round(10 ** logarithm / digit) * digit;
+  const digit = 10 ** (Math.floor(logarithm) - 2), value = Math.round(10 ** logarithm / digit) * digit;
   return Math.abs(value) >= 1e6 || Math.abs(value) < 1e-4 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
 }
 
