@@ -114,12 +114,10 @@ pub(super) fn read(site: &Site, files: &[File], load: Option<usize>) -> Result<U
         hash.update(&file.bytes);
     }
     hash.update([u8::try_from(load.unwrap_or(0)).unwrap_or(u8::MAX)]);
-    let digest: String = hash.finalize()[..8]
-        .iter()
-        .map(|b| format!("{b:02x}"))
-        .collect();
+    let digest = hash.finalize();
+    let digest = u64::from_be_bytes(std::array::from_fn(|k| digest[k]));
     let window = Window {
-        id: format!("recording-{}-{digest}", site.name),
+        id: format!("recording-{}-{digest:016x}", site.name),
         ..site_folder::window(site, &record)
     };
     Ok(Upload {

@@ -291,6 +291,10 @@ fn origin(found: &Found, asked: Option<usize>) -> Option<usize> {
 }
 
 /// The objective along every direction from a solution, as far as its exit point was looked for.
+#[allow(
+    clippy::too_many_lines,
+    reason = "one chart described from top to bottom"
+)]
 fn along(found: &Found, from: usize) -> Chart {
     let looks = [
         ("new_solution", "led to a new solution", Ink::Model),
