@@ -224,12 +224,13 @@ mod tests {
     use crate::adapters::wire::v1::examples;
 
     fn csv(rows: usize) -> File {
-        let mut text = "time_s,v_pu,freq_hz,p_pu,q_pu\n".to_owned();
-        for k in 0..rows {
+        let row = |k: usize| {
             let voltage = if k > 60 { 0.9 } else { 1.0 };
-            let time_s = k as f64 / 60.0;
-            text.push_str(&format!("{time_s:.4},{voltage},60,0.8,0.2\n"));
-        }
+            format!("{:.4},{voltage},60,0.8,0.2", k as f64 / 60.0)
+        };
+        let header = "time_s,v_pu,freq_hz,p_pu,q_pu".to_owned();
+        let lines: Vec<String> = std::iter::once(header).chain((0..rows).map(row)).collect();
+        let text = lines.join("\n");
         File {
             name: "Dip.CSV".to_owned(),
             bytes: text.into_bytes(),
