@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use tokio::sync::Semaphore;
 
-use super::problem::Problem;
+use super::{problem::Problem, uploads::Uploads};
 use crate::{
     adapters::{http::Context, store::Store},
     diagnosis::{EventFailure, where_it_fails::failure},
@@ -28,6 +28,8 @@ pub(super) struct Desk {
     pub(super) context: Arc<Context>,
     pub(super) seats: Semaphore,
     pub(super) listeners: Arc<Semaphore>,
+    /// Recordings that readers sent.
+    pub(super) uploads: Uploads,
     comparisons: Mutex<Vec<(Key, Arc<Judged>)>>,
 }
 
@@ -48,6 +50,7 @@ impl Desk {
             context,
             seats: Semaphore::new(SEATS),
             listeners: Arc::new(Semaphore::new(LISTENERS_MAX)),
+            uploads: Uploads::default(),
             comparisons: Mutex::new(Vec::new()),
         }
     }

@@ -106,8 +106,7 @@ pub(super) fn page<P: Page>(page: &P, uri: &Uri) -> Markup {
         @if let Some((head, tab)) = page.place() { (site_head(head, tab)) }
         (page.body(&format!("{path}.charts.json{query}")))
     };
-    let live = page.place().map(|(head, _)| head.address("updates"));
-    document(&page.title(), live.as_deref(), &body, &twins)
+    document(&page.title(), page.live().as_deref(), &body, &twins)
 }
 
 /// A page without twins: an error.

@@ -21,6 +21,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 mod updates;
+mod uploads;
 mod view;
 mod words;
 

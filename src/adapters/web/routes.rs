@@ -16,7 +16,8 @@ use super::{
     desk::Desk,
     openapi,
     pages::{
-        compare, diagnosis, event, events, health, sets, sites, solutions, streams, structure,
+        compare, diagnosis, event, events, health, recordings, sets, sites, solutions, streams,
+        structure,
     },
     problem::Problem,
     session, updates,
@@ -37,6 +38,7 @@ pub(in crate::adapters) fn router(context: Arc<Context>) -> Router {
     pages()
         .layer(middleware::from_fn(within_limit))
         .route("/sites/{site}/updates", get(updates::stream))
+        .route("/updates", get(updates::stream_of_all))
         .route("/api/v1/openapi.json", get(openapi::document))
         .route("/session", get(session::ask).post(session::open))
         .route("/static/{mark}/{name}", get(assets::serve))
@@ -55,6 +57,11 @@ fn pages() -> Pages {
             get(diagnosis::show_one),
         )
         .route("/sites/{site}/sets/{version}", get(sets::show_one))
+        .route("/sites/{site}/recordings/{id}", get(recordings::show_one))
+        .route(
+            "/sites/{site}/recordings",
+            post(recordings::take).layer(DefaultBodyLimit::max(recordings::FILES_BYTES_MAX)),
+        )
         .route("/sites/{site}/structure", post(structure::change))
         .route(
             "/sites/{site}/sets/{version}/roll-back",
@@ -68,6 +75,7 @@ fn pages() -> Pages {
         ("/sites/{site}/diagnosis", get(diagnosis::show)),
         ("/sites/{site}/structure", get(structure::show)),
         ("/sites/{site}/solutions", get(solutions::show)),
+        ("/sites/{site}/recordings", get(recordings::show)),
         ("/sites/{site}/sets", get(sets::show)),
         ("/streams", get(streams::show)),
         ("/health", get(health::show)),

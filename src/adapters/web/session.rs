@@ -68,6 +68,22 @@ impl Access {
     ///
     /// The refusal, for the reader.
     pub(super) fn check(&self, csrf: &str, headers: &HeaderMap) -> Result<(), Problem> {
+        self.admits(headers)?;
+        if csrf != self.csrf {
+            return Err(Problem {
+                status: StatusCode::FORBIDDEN,
+                detail: "the form is out of date: load the page again".to_owned(),
+            });
+        }
+        Ok(())
+    }
+
+    /// Whether the reader may send a form at all; its word is still to be looked at.
+    ///
+    /// # Errors
+    ///
+    /// The refusal, for the reader.
+    pub(super) fn admits(&self, headers: &HeaderMap) -> Result<(), Problem> {
         let refused = |detail: &str| {
             Err(Problem {
                 status: StatusCode::FORBIDDEN,
@@ -79,9 +95,6 @@ impl Access {
         }
         if !self.may_write {
             return refused("this needs the write token of the service");
-        }
-        if csrf != self.csrf {
-            return refused("the form is out of date: load the page again");
         }
         Ok(())
     }

@@ -24,15 +24,24 @@ const BUFFER_BYTES: usize = 4096;
 
 /// `/sites/{site}/updates`: server-sent events. Each `change` carries what is newest, as JSON.
 pub(super) async fn stream(State(desk): State<Arc<Desk>>, Path(site): Path<String>) -> Response {
+    start(desk, Some(site)).await
+}
+
+/// `/updates`: the same over all sites.
+pub(super) async fn stream_of_all(State(desk): State<Arc<Desk>>) -> Response {
+    start(desk, None).await
+}
+
+async fn start(desk: Arc<Desk>, site: Option<String>) -> Response {
     let Ok(permit) = Arc::clone(&desk.listeners).try_acquire_owned() else {
         return Problem::unavailable("too many readers of live updates").answer(Form::Json);
     };
-    if let Err(problem) = look(&desk, &site).await {
+    if let Err(problem) = look(&desk, site.as_deref()).await {
         return problem.answer(Form::Json);
     }
     let (writer, reader) = duplex(BUFFER_BYTES);
     tokio::spawn(async move {
-        tell(&desk, &site, writer).await;
+        tell(&desk, site.as_deref(), writer).await;
         drop(permit);
     });
     let headers = [
@@ -43,7 +52,7 @@ pub(super) async fn stream(State(desk): State<Arc<Desk>>, Path(site): Path<Strin
 }
 
 /// Ends when the reader has gone: then writing fails.
-async fn tell(desk: &Arc<Desk>, site: &str, mut writer: DuplexStream) {
+async fn tell(desk: &Arc<Desk>, site: Option<&str>, mut writer: DuplexStream) {
     let (mut told, mut quiet) = (String::new(), 0);
     while !desk.context.health.report().stopping {
         let news = look(desk, site).await.unwrap_or_default();
@@ -65,31 +74,53 @@ async fn tell(desk: &Arc<Desk>, site: &str, mut writer: DuplexStream) {
     }
 }
 
-/// What is newest of a site, as one line of JSON.
-async fn look(desk: &Arc<Desk>, site: &str) -> Result<String, Problem> {
-    let (desk, name) = (Arc::clone(desk), site.to_owned());
+/// What is newest of a site or of all, as one line of JSON.
+async fn look(desk: &Arc<Desk>, site: Option<&str>) -> Result<String, Problem> {
+    let (desk, name) = (Arc::clone(desk), site.map(str::to_owned));
     let looked = tokio::task::spawn_blocking(move || {
-        let site = desk.site(&name)?;
-        let store = desk.store();
-        let newest = store.window_summaries(&WindowQuery {
-            site: Some(&site.name),
-            count_max: 1,
-            ..WindowQuery::default()
-        })?;
-        let fits = store.fits(&site.name, JobKind::IdentifySite, 1)?;
-        let decisions = store.decisions(&site.name, 1)?;
-        let set = store.newest_set(&site.name)?;
-        Ok(json!({
-            "event": newest.first().map(|window| &window.id),
-            "screened": newest.first().map(|window| window.screening.is_some()),
-            "fit": fits.first().map(|fit| fit.id.0),
-            "decision": decisions.first().map(|decision| decision.id.0),
-            "awaiting_approval": decisions.first().map(|decision| decision.awaiting_approval),
-            "set": set.map(|set| set.version),
-        })
-        .to_string())
+        name.map_or_else(|| newest_of_all(&desk), |name| newest(&desk, &name))
     });
     looked
         .await
         .unwrap_or_else(|_| Err(Problem::unavailable("interrupted")))
+}
+
+fn newest(desk: &Desk, name: &str) -> Result<String, Problem> {
+    let site = desk.site(name)?;
+    let store = desk.store();
+    let newest = store.window_summaries(&WindowQuery {
+        site: Some(&site.name),
+        count_max: 1,
+        ..WindowQuery::default()
+    })?;
+    let fits = store.fits(&site.name, JobKind::IdentifySite, 1)?;
+    let decisions = store.decisions(&site.name, 1)?;
+    let set = store.newest_set(&site.name)?;
+    Ok(json!({
+        "event": newest.first().map(|window| &window.id),
+        "screened": newest.first().map(|window| window.screening.is_some()),
+        "fit": fits.first().map(|fit| fit.id.0),
+        "decision": decisions.first().map(|decision| decision.id.0),
+        "awaiting_approval": decisions.first().map(|decision| decision.awaiting_approval),
+        "set": set.map(|set| set.version),
+        "diagnosis": store.newest_diagnosis(name)?.map(|diagnosis| diagnosis.version),
+        "structure": store.structure(name, None)?.map(|record| record.structure),
+    })
+    .to_string())
+}
+
+/// Counts that change with whatever a list of sites shows.
+fn newest_of_all(desk: &Desk) -> Result<String, Problem> {
+    let store = desk.store();
+    let tallies = store.window_tallies()?;
+    let windows = tallies
+        .iter()
+        .map(|t| (&t.site, t.windows, t.usable, t.newest_onset_ns));
+    let counts = store.counts(desk.context.health.now_ns())?;
+    Ok(json!({
+        "windows": windows.collect::<Vec<_>>(),
+        "sets": counts.sets,
+        "jobs": counts.jobs_queued + counts.jobs_claimed,
+    })
+    .to_string())
 }

@@ -86,6 +86,10 @@ pub(super) trait Page {
     fn title(&self) -> String;
     /// The site it belongs to and which of its pages it is.
     fn place(&self) -> Option<(&SiteHead, layout::Tab)>;
+    /// Where its live updates come from; none where it has none.
+    fn live(&self) -> Option<String> {
+        self.place().map(|(head, _)| head.address("updates"))
+    }
     /// What it shows; `source` is the address of its charts' numbers.
     fn body(&self, source: &str) -> Markup;
     /// Its charts.

@@ -3,6 +3,7 @@
 use crate::{
     adapters::wire::v1::rfc3339,
     disturbance::{Closing, Trigger},
+    load_model::effects,
 };
 
 /// Parts of a model as a reader sees them: `ZIP + induction motor + second motor`.
@@ -23,6 +24,16 @@ pub(super) fn effect(name: &str) -> String {
     }
 }
 
+/// A sentence of a diagnosis with its effects named as a reader sees them.
+pub(super) fn readable(sentence: &str) -> String {
+    let names = effects::catalogue().iter().map(|e| e.declaration().name);
+    names
+        .filter(|name| name.contains('_'))
+        .fold(sentence.to_owned(), |text, name| {
+            text.replace(name, &effect(name))
+        })
+}
+
 /// A UTC time to the millisecond, for reading.
 pub(super) fn utc(ns: i64) -> String {
     let text = rfc3339(ns.saturating_add(500_000));
@@ -38,7 +49,10 @@ pub(super) fn utc(ns: i64) -> String {
 /// What opened a window, in words.
 pub(super) fn triggers(list: &[Trigger]) -> String {
     list.iter()
-        .map(|t| t.name().replace('_', " "))
+        .map(|trigger| match trigger.name() {
+            "rate_of_change_of_frequency" => "ROCOF".to_owned(),
+            name => name.replace('_', " "),
+        })
         .collect::<Vec<_>>()
         .join(", ")
 }
@@ -62,5 +76,11 @@ mod tests {
     fn a_structure_reads_as_words() {
         let parts = ["zip", "induction_motor"].map(str::to_owned);
         assert_eq!(structure(&parts), "ZIP + induction motor");
+    }
+
+    #[test]
+    fn an_effect_in_a_sentence_reads_as_words() {
+        let found = readable("The model lacks second_motor.");
+        assert_eq!(found, "The model lacks second motor.");
     }
 }

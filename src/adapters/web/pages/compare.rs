@@ -271,7 +271,7 @@ impl Pair {
                 .unwrap_or((0.0, 1.0)),
             names: Vec::new(),
             x: Vec::new(),
-            linked: None,
+            linked: Some("time"),
             panels: panels.into(),
         }
     }

@@ -26,6 +26,15 @@ pub(super) fn all(diagnosis: &DiagnosisV1) -> Vec<Chart> {
     ]
 }
 
+/// Whether there is anything to draw of the candidates.
+pub(super) fn any_refitted(diagnosis: &DiagnosisV1) -> bool {
+    let mut errors = diagnosis
+        .candidates
+        .iter()
+        .filter_map(|candidate| candidate.held_out_error_after);
+    errors.any(|error| error > 0.0)
+}
+
 /// Held-out error with each candidate, beside that without and the floor.
 pub(super) fn candidates(diagnosis: &DiagnosisV1) -> Chart {
     let refitted = diagnosis.candidates.iter().filter_map(|candidate| {

@@ -25,7 +25,7 @@ pub(super) fn body(page: &DiagnosisPage, source: &str) -> Markup {
     };
     html! {
         h1 { "What is the model missing? " (status_chip(&stored.status)) }
-        p.verdict-sentence { (stored.summary) }
+        p.verdict-sentence { (words::readable(&stored.summary)) }
         p.facts {
             "Diagnosis " (stored.version) " of " (words::utc(stored.stored_ns)) " UTC of the structure "
             (words::structure(&stored.structure)) "."
@@ -54,11 +54,11 @@ fn details(page: &DiagnosisPage, diagnosis: &DiagnosisV1, source: &str) -> Marku
         (offer(page, diagnosis))
         @if !diagnosis.reasons.is_empty() {
             h2 { "Why" }
-            ul.reasons { @for reason in &diagnosis.reasons { li { (reason) } } }
+            ul.reasons { @for reason in &diagnosis.reasons { li { (words::readable(reason)) } } }
         }
         @if !diagnosis.candidates.is_empty() {
             h2 { "Effects that were tried, best first" }
-            (plot::figure(&charts::candidates(diagnosis), Some(source)))
+            @if charts::any_refitted(diagnosis) { (plot::figure(&charts::candidates(diagnosis), Some(source))) }
             (candidates(diagnosis))
         }
         (separation(diagnosis))
@@ -114,43 +114,91 @@ fn adding(page: &DiagnosisPage, effect: &str, first: bool) -> Markup {
     }
 }
 
+/// Those that were refitted in full, the others folded: they were seen too little of.
 fn candidates(diagnosis: &DiagnosisV1) -> Markup {
-    let percent = |share: f64| {
-        if share.is_finite() {
-            format!("{} %", number::fixed(100.0 * share, 0))
-        } else {
-            String::new()
-        }
-    };
-    let optional = |value: Option<f64>, digits| {
-        value.map_or_else(
-            || "not refitted".to_owned(),
-            |v| number::significant(v, digits),
-        )
-    };
+    let (refitted, screened): (Vec<_>, Vec<_>) = diagnosis
+        .candidates
+        .iter()
+        .partition(|candidate| candidate.delta_bic.is_some());
     html! {
-        div.scroll tabindex="0" role="region" aria-label="Effects tried" {
-            table.list {
-                thead { tr {
-                    th scope="col" { "Effect" } th scope="col" { "Verdict" }
-                    th.num scope="col" { "Explains of the residual" } th.num scope="col" { "Visible in these events" }
-                    th.num scope="col" { "Change of BIC" } th.num scope="col" { "Held-out error before, × noise" }
-                    th.num scope="col" { "after" } th.num scope="col" { "Share of best gain" } th scope="col" { "Parameters" }
-                } }
-                tbody { @for candidate in &diagnosis.candidates { tr {
-                    th scope="row" { (words::effect(&candidate.effect))
-                        @if candidate.kind == "instrument" { " " span.chip.open { "instrument" } } }
-                    td { (standing(diagnosis, candidate)) }
-                    td.num { (percent(candidate.score_share)) } td.num { (percent(candidate.visibility)) }
-                    td.num { (optional(candidate.delta_bic, 3)) }
-                    td.num { (candidate.held_out_error_before.map_or_else(String::new, |v| number::significant(v, 3))) }
-                    td.num { (candidate.held_out_error_after.map_or_else(String::new, |v| number::significant(v, 3))) }
-                    td.num { (candidate.share_of_best_gain.map_or_else(String::new, percent)) }
-                    td.values { @for (name, p) in &candidate.parameters {
-                        span.value { (name.rsplit('.').next().unwrap_or(name).replace('_', " ")) " " (number::significant(p.value, 3))
-                            @if p.unit != "1" { " " (p.unit) } } " "
+        @if !refitted.is_empty() {
+            div.scroll tabindex="0" role="region" aria-label="Effects tried" {
+                table.list.cards.tight {
+                    thead { tr {
+                        th scope="col" { "Effect" } th scope="col" { "Verdict" }
+                        th.num scope="col" { "Held-out error, × noise" } th.num scope="col" { "Share of best gain" }
+                        th.num scope="col" { "Change of BIC" } th.num scope="col" { "Explains of the residual" }
+                        th.num scope="col" { "Visible in these events" } th scope="col" { "Parameters" }
                     } }
-                } } }
+                    tbody { @for candidate in refitted { (refitted_line(diagnosis, candidate)) } }
+                }
+            }
+            p.note {
+                "“Explains” is how much of what the model leaves a first, linear look finds in the effect; “visible” "
+                "how much of the effect could not be imitated by the parameters of the present model."
+            }
+        }
+        @if !screened.is_empty() { (screened_out(diagnosis, &screened)) }
+    }
+}
+
+fn percent(share: f64) -> String {
+    if share.is_finite() {
+        format!("{} %", number::fixed(100.0 * share, 0))
+    } else {
+        String::new()
+    }
+}
+
+fn named(candidate: &CandidateV1) -> Markup {
+    html! {
+        (words::effect(&candidate.effect))
+        @if candidate.kind == "instrument" { " " span.chip.open { "instrument" } }
+    }
+}
+
+fn refitted_line(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
+    let error = |value: Option<f64>| value.map(|v| number::significant(v, 3));
+    let errors = error(candidate.held_out_error_before).zip(error(candidate.held_out_error_after));
+    let bic = candidate
+        .delta_bic
+        .map_or_else(String::new, |v| number::significant(v, 3));
+    html! {
+        tr {
+            th scope="row" { (named(candidate)) }
+            td data-label="Verdict" { (standing(diagnosis, candidate)) }
+            td.num.time data-label="Held-out error, × noise" {
+                @if let Some((before, after)) = errors { (before) " → " strong { (after) } }
+            }
+            td.num data-label="Share of best gain" { (candidate.share_of_best_gain.map_or_else(String::new, percent)) }
+            td.num data-label="Change of BIC" { (bic) }
+            td.num data-label="Explains of the residual" { (percent(candidate.score_share)) }
+            td.num data-label="Visible in these events" { (percent(candidate.visibility)) }
+            td.values data-label="Parameters" { @for (name, p) in &candidate.parameters {
+                span.value { (name.rsplit('.').next().unwrap_or(name).replace('_', " ")) " " (number::significant(p.value, 3))
+                    @if p.unit != "1" { " " (p.unit) } } " "
+            } }
+        }
+    }
+}
+
+fn screened_out(diagnosis: &DiagnosisV1, candidates: &[&CandidateV1]) -> Markup {
+    html! {
+        details {
+            summary { (candidates.len()) " effects were not refitted" }
+            div.scroll tabindex="0" role="region" aria-label="Effects not refitted" {
+                table.list.cards.tight {
+                    thead { tr {
+                        th scope="col" { "Effect" } th.num scope="col" { "Explains of the residual" }
+                        th.num scope="col" { "Visible in these events" } th scope="col" { "Why not" }
+                    } }
+                    tbody { @for candidate in candidates { tr {
+                        th scope="row" { (named(candidate)) }
+                        td.num data-label="Explains of the residual" { (percent(candidate.score_share)) }
+                        td.num data-label="Visible in these events" { (percent(candidate.visibility)) }
+                        td data-label="Why not" { (standing(diagnosis, candidate)) }
+                    } } }
+                }
             }
         }
     }
@@ -161,7 +209,7 @@ fn standing(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
     html! {
         @if candidate.declared { span.chip.bad { "missing" } }
         @else if in_set { span.chip.open { "as good an answer" } }
-        @else if let Some(reason) = candidate.refused.first() { span.dim { (reason) } }
+        @else if let Some(reason) = candidate.refused.first() { span.dim { (words::readable(reason)) } }
         @else { span.dim { "no" } }
     }
 }
@@ -201,14 +249,14 @@ fn events(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
     html! {
         h2 { "Where it fails, event by event" }
         div.scroll tabindex="0" role="region" aria-label="Failures by event" {
-            table.list {
+            table.list.cards {
                 thead { tr { th scope="col" { "Event" } th scope="col" { "Use" } th.num scope="col" { "Lowest V / V0" }
                     th.num scope="col" { "Error / noise" } th scope="col" { "In a sentence" } } }
                 tbody { @for failure in &diagnosis.failures { tr {
                     th scope="row" { a href=(page.head.address(&format!("events/{}", segment(&failure.event)))) { (failure.event) } }
-                    td { (role(&failure.event)) }
-                    td.num { (number::fixed(failure.lowest_voltage, 3)) }
-                    td.num { (number::significant(failure.error_to_noise, 3)) }
+                    td data-label="Use" { (role(&failure.event)) }
+                    td.num data-label="Lowest V / V0" { (number::fixed(failure.lowest_voltage, 3)) }
+                    td.num data-label="Error / noise" { (number::significant(failure.error_to_noise, 3)) }
                     td { (failure.sentence) }
                 } } }
             }
@@ -249,17 +297,17 @@ fn untestable(list: &[UntestableV1]) -> Markup {
     html! {
         h2 { "Effects on which these events are silent" }
         div.scroll tabindex="0" role="region" aria-label="Effects that cannot be tested" {
-            table.list {
+            table.list.cards {
                 thead { tr { th scope="col" { "Effect" } th scope="col" { "Would have shown from" } th scope="col" { "Matters from" } th scope="col" { "Needs" } } }
                 tbody { @for effect in list {
                     @let unit = if effect.unit == "1" { "" } else { &effect.unit };
                     tr {
                         th scope="row" { (words::effect(&effect.effect)) }
-                        td { @if effect.smallest_detectable_amplitude.is_finite() {
+                        td data-label="Would have shown from" { @if effect.smallest_detectable_amplitude.is_finite() {
                             (effect.amplitude.replace('_', " ")) " " (number::significant(effect.smallest_detectable_amplitude, 2)) " " (unit)
                         } @else { "nothing would have shown" } }
-                        td { (number::significant(effect.meaningful_amplitude, 2)) " " (unit) }
-                        td { (effect.needs) }
+                        td data-label="Matters from" { (number::significant(effect.meaningful_amplitude, 2)) " " (unit) }
+                        td data-label="Needs" { (effect.needs) }
                     }
                 } }
             }

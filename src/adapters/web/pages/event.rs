@@ -4,22 +4,31 @@ use std::sync::Arc;
 
 use axum::{
     extract::{Path, Query, State},
-    http::Uri,
-    response::Response,
+    http::{Uri, header},
+    response::{IntoResponse, Response},
 };
 use serde::Deserialize;
 
 use super::{
     super::{
         desk::Desk,
-        layout::SiteHead,
+        layout::{SiteHead, segment},
         problem::Problem,
         view::{self, Form},
     },
     event_view::{Drawn, EventPage},
     models::{self, Model},
 };
-use crate::{adapters::store::WindowQuery, disturbance::Window};
+use crate::{
+    adapters::{
+        recordings::{
+            comtrade::{DataFormat, encode_container},
+            phasor_channels,
+        },
+        store::{WindowQuery, WindowSummary},
+    },
+    disturbance::Window,
+};
 
 /// Which models to draw.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -39,8 +48,45 @@ pub(in super::super) async fn show(
     Query(asked): Query<Asked>,
     uri: Uri,
 ) -> Response {
+    if let Some(event) = event.strip_suffix(".cff") {
+        return export(desk, site, event.to_owned()).await;
+    }
     let event = Form::of(&event).0.to_owned();
     view::show(desk, uri, move |desk| load(desk, &site, &event, &asked)).await
+}
+
+/// `/sites/{site}/events/{event}.cff`: the measurement as COMTRADE.
+async fn export(desk: Arc<Desk>, site: String, event: String) -> Response {
+    let name = format!("{event}.cff");
+    let made = tokio::task::spawn_blocking(move || {
+        let site = desk.site(&site)?;
+        let window = desk.store().window(&event)?;
+        let window = window.filter(|window| window.site == site.name);
+        let window = window.ok_or_else(|| {
+            Problem::not_found(format!(
+                "`{}` has no event `{event}` with waveforms",
+                site.name
+            ))
+        })?;
+        let recording = phasor_channels::recording(&window.record, &site, Some(window.onset_ns()));
+        encode_container(&recording, DataFormat::Float32)
+            .map_err(|e| Problem::unreadable("the event", &e))
+    })
+    .await;
+    match made {
+        Ok(Ok(bytes)) => {
+            let headers = [
+                (header::CONTENT_TYPE, "application/octet-stream".to_owned()),
+                (
+                    header::CONTENT_DISPOSITION,
+                    format!("attachment; filename=\"{}\"", segment(&name)),
+                ),
+            ];
+            (headers, bytes).into_response()
+        }
+        Ok(Err(problem)) => problem.answer(Form::Html),
+        Err(_) => Problem::unavailable("the export was interrupted").answer(Form::Html),
+    }
 }
 
 fn load(desk: &Desk, site: &str, event: &str, asked: &Asked) -> Result<EventPage, Problem> {
@@ -56,6 +102,18 @@ fn load(desk: &Desk, site: &str, event: &str, asked: &Asked) -> Result<EventPage
         .pop()
         .ok_or_else(|| Problem::not_found(format!("`{site}` has no event `{event}`")))?;
     let window = desk.store().window(event)?;
+    assemble(desk, head, summary, window, asked)
+}
+
+/// The page of a window, with the models that are asked for.
+pub(super) fn assemble(
+    desk: &Desk,
+    head: SiteHead,
+    summary: WindowSummary,
+    window: Option<Window>,
+    asked: &Asked,
+) -> Result<EventPage, Problem> {
+    let (site, event) = (head.site.name.as_str(), summary.id.as_str());
     let chosen = if asked.model.is_empty() {
         models::usual(desk, &head, Some(event))?
     } else {
@@ -75,6 +133,7 @@ fn load(desk: &Desk, site: &str, event: &str, asked: &Asked) -> Result<EventPage
         model: None,
         rival: None,
         note: None,
+        recording: None,
     };
     let Some(window) = page.window.clone() else {
         return Ok(page);

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::{
     super::{
         desk::Judged,
-        layout::{SiteHead, Tab, verdict},
+        layout::{SiteHead, Tab, segment, verdict},
         plot,
         problem::Problem,
         view::{Page, Table, cell},
@@ -65,6 +65,18 @@ pub(super) struct EventPage {
     pub(super) rival: Option<Drawn>,
     /// Why no model is drawn.
     pub(super) note: Option<String>,
+    /// Name of the file and what is to be known of it, where the reader sent the recording.
+    pub(super) recording: Option<(String, Option<String>)>,
+}
+
+impl EventPage {
+    /// The page as that of a recording that the reader sent.
+    pub(super) fn of_recording(self, name: &str, note: Option<&str>) -> Self {
+        Self {
+            recording: Some((name.to_owned(), note.map(str::to_owned))),
+            ..self
+        }
+    }
 }
 
 impl Page for EventPage {
@@ -82,8 +94,17 @@ impl Page for EventPage {
 
     fn body(&self, source: &str) -> Markup {
         html! {
-            h1 { "Disturbance of " (words::utc(self.summary.onset_ns)) " UTC" }
-            (self.facts())
+            @if let Some((name, note)) = &self.recording {
+                h1 { "Recording " (name) }
+                (self.facts())
+                p.note {
+                    @if let Some(note) = note { (note) " " }
+                    "Not stored, and used by no fit. " a href=(self.head.address("recordings")) { "Another recording" }
+                }
+            } @else {
+                h1 { "Disturbance of " (words::utc(self.summary.onset_ns)) " UTC" }
+                (self.facts())
+            }
             (self.choice())
             @if let Some(note) = &self.note { p.problem { "No model is drawn: " (note) } }
             @if self.window.is_none() {
@@ -169,7 +190,14 @@ impl EventPage {
             p.facts {
                 (window.id) " · lowest voltage " strong { (number::fixed(window.lowest_voltage_pu, 3)) " pu" }
                 " · " (number::fixed(duration_s, 1)) " s at " (number::short(window.rate_fps)) " samples/s · "
-                (words::triggers(&window.triggers)) " · ended: " (words::closing(window.closing))
+                @if self.recording.is_none() {
+                    (words::triggers(&window.triggers)) " · ended: " (words::closing(window.closing))
+                    @if self.window.is_some() {
+                        " · " a href={ (self.head.address(&format!("events/{}", segment(&window.id)))) ".cff" } { "COMTRADE" }
+                    }
+                } @else {
+                    "onset " (words::utc(window.onset_ns)) " UTC"
+                }
             }
             @if let Some(screening) = &window.screening {
                 @if !screening.usable() {

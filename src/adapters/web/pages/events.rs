@@ -22,7 +22,7 @@ use crate::{
     adapters::{
         http::EventDocument,
         report::number,
-        store::{WindowQuery, WindowSummary},
+        store::{JobKind, WindowQuery, WindowSummary},
     },
     identification::{EventErrors, ParameterSet},
 };
@@ -64,9 +64,12 @@ pub(in super::super) async fn show(
     view::show(desk, uri, move |desk| Events::load(desk, &site, asked)).await
 }
 
+/// Errors by event, and how the event was used.
+type Errors = BTreeMap<String, (EventErrors, &'static str)>;
+
 struct Row {
     window: WindowSummary,
-    /// What the set in force makes of it, and how it was used.
+    /// What the set in force or the newest fit makes of it, and how it was used.
     errors: Option<(EventErrors, &'static str)>,
 }
 
@@ -108,6 +111,8 @@ impl Row {
 
 struct Events {
     head: SiteHead,
+    /// Whose errors are listed.
+    errors_of: String,
     asked: Asked,
     /// Filtered and sorted.
     rows: Vec<Row>,
@@ -125,10 +130,7 @@ impl Events {
             ..WindowQuery::default()
         })?;
         let count = windows.len();
-        let mut known = head
-            .in_force
-            .as_ref()
-            .map_or_else(BTreeMap::new, |(_, set)| errors_of(set));
+        let (mut known, errors_of) = judged(desk, &head)?;
         let mut rows: Vec<Row> = windows
             .into_iter()
             .map(|window| Row {
@@ -146,6 +148,7 @@ impl Events {
         };
         Ok(Self {
             head,
+            errors_of,
             asked,
             rows,
             count,
@@ -163,14 +166,44 @@ impl Events {
     }
 }
 
+/// Errors of the set in force, else of the newest joint fit, and whose they are.
+fn judged(desk: &Desk, head: &SiteHead) -> Result<(Errors, String), Problem> {
+    if let Some((stored, set)) = &head.in_force {
+        return Ok((
+            errors_of(set),
+            format!("version {}, in force", stored.version),
+        ));
+    }
+    let newest = desk
+        .store()
+        .fits(&head.site.name, JobKind::IdentifySite, 1)?
+        .pop();
+    let Some(fit) = newest else {
+        return Ok((Errors::new(), String::new()));
+    };
+    let set = fit.set().map_err(|e| Problem::unreadable("a fit", &e))?;
+    Ok((
+        set.as_ref().map_or_else(Errors::new, errors_of),
+        format!("fit {}, which is not in force", fit.id.0),
+    ))
+}
+
 /// Errors of each event of a set, and how the event was used.
-pub(super) fn errors_of(set: &ParameterSet) -> BTreeMap<String, (EventErrors, &'static str)> {
+pub(super) fn errors_of(set: &ParameterSet) -> Errors {
     let held_out = set.held_out.iter().flat_map(|summary| &summary.events);
     let fitted = set.fit.events.iter().map(|errors| (errors, "fitted"));
     fitted
         .chain(held_out.map(|errors| (errors, "held_out")))
         .map(|(errors, role)| (errors.event.clone(), (errors.clone(), role)))
         .collect()
+}
+
+fn role_in_words(role: &str) -> &str {
+    match role {
+        "held_out" => "held out",
+        "neither" => "not used",
+        other => other,
+    }
 }
 
 fn wanted(row: &Row, asked: &Asked) -> bool {
@@ -242,15 +275,18 @@ impl Page for Events {
             } @else {
                 form action=(self.head.address("compare")) method="get" {
                     div.scroll tabindex="0" role="region" aria-label="Events" {
-                        table.list { (self.columns()) tbody { @for row in self.shown() { (self.line(row)) } } }
+                        table.list.cards { (self.columns()) tbody { @for row in self.shown() { (self.line(row)) } } }
                     }
                     p.actions {
                         button type="submit" { "Compare the two ticked events" }
+                        a href=(self.head.address("recordings")) { "Compare a recording of your own" }
                         (self.pager())
                     }
                 }
                 p.note {
-                    "Lowest voltage per unit of the base. Errors of the set in force; “event error” is over the "
+                    "Lowest voltage per unit of the base. "
+                    @if self.errors_of.is_empty() { "No fit of this site has been made yet. " } @else { "Errors of " (self.errors_of) "; " }
+                    "“event error” is over the "
                     "part from the onset on. Error over noise is 1 where nothing but noise is left."
                 }
             }
@@ -334,7 +370,7 @@ impl Events {
                 }
                 label { "Use in the set "
                     select name="role" {
-                        @for (value, name) in [("", "all"), ("fitted", "fitted"), ("held_out", "held out"), ("neither", "neither")] {
+                        @for (value, name) in [("", "all"), ("fitted", "fitted"), ("held_out", "held out"), ("neither", "not used")] {
                             option value=(value) selected[asked.role == value] { (name) }
                         }
                     }
@@ -385,20 +421,20 @@ impl Events {
         let window = &row.window;
         html! {
             tr {
-                td { input type="checkbox" name="event" value=(window.id) aria-label={ "Compare " (window.id) }; }
+                td.tick { input type="checkbox" name="event" value=(window.id) aria-label={ "Compare " (window.id) }; }
                 th scope="row" {
                     a href=(self.head.address(&format!("events/{}", segment(&window.id)))) { (words::utc(window.onset_ns)) }
                 }
-                td.num { (number::fixed(window.lowest_voltage_pu, 3)) }
-                td.num { (number::fixed(row.duration_s(), 1)) }
-                td { (words::triggers(&window.triggers)) }
-                td { span class={ "chip " (class) } { (if class == "bad" { "refused" } else { &words }) }
+                td.num data-label="Lowest V, pu" { (number::fixed(window.lowest_voltage_pu, 3)) }
+                td.num data-label="Length, s" { (number::fixed(row.duration_s(), 1)) }
+                td data-label="Triggers" { (words::triggers(&window.triggers)) }
+                td data-label="Screening" { span class={ "chip " (class) } { (if class == "bad" { "refused" } else { &words }) }
                     @if class == "bad" { " " span.dim { (words) } } }
-                td.time { (row.role().replace('_', " ")) }
+                td.time data-label="Use" { (role_in_words(row.role())) }
                 @if let Some((errors, _)) = &row.errors {
-                    td.num { (number::significant(errors.event_eps_p_percent, 3)) }
-                    td.num { (number::significant(errors.event_eps_q_percent, 3)) }
-                    td.num { (number::significant(errors.error_to_noise, 3)) }
+                    td.num data-label="Event error of P, %" { (number::significant(errors.event_eps_p_percent, 3)) }
+                    td.num data-label="of Q, %" { (number::significant(errors.event_eps_q_percent, 3)) }
+                    td.num data-label="Error / noise" { (number::significant(errors.error_to_noise, 3)) }
                 } @else {
                     td {} td {} td {}
                 }

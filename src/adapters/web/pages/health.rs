@@ -110,7 +110,7 @@ impl Page for HealthPage {
             }
             h2 { "Store and work" }
             @if self.store.is_none() { p.problem { "The store does not answer; the log says why." } }
-            table.list { tbody {
+            table.list.narrow { tbody {
                 @for (what, value) in self.numbers() { tr { th scope="row" { (what) } td.num { (value) } } }
             } }
             @if let Some((_, parked)) = &self.store {

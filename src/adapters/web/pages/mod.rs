@@ -11,6 +11,7 @@ pub(super) mod events;
 mod failure_charts;
 pub(super) mod health;
 mod models;
+pub(super) mod recordings;
 mod set_difference;
 mod set_view;
 pub(super) mod sets;

@@ -94,7 +94,7 @@ impl Difference {
             div.scroll tabindex="0" role="region" aria-label="Difference of two sets" {
                 table.list {
                     thead { tr {
-                        th scope="col" { "" } th scope="col" { "Unit" }
+                        th scope="col" { "What" } th scope="col" { "Unit" }
                         th.num scope="col" { (self.labels.0) } th.num scope="col" { (self.labels.1) }
                         th.num scope="col" { "Change" } th.num scope="col" { "in standard errors" } th scope="col" { "Meaning" }
                     } }

@@ -68,9 +68,9 @@ impl Page for OneSet {
                 ul.reasons { @for note in &set.notes { li { (note) } } }
             }
             h2 { "Parameters" }
-            (estimates(&set.parameters))
+            (estimates("Parameters", &set.parameters))
             h2 { "In other units, and what the data determine" }
-            (estimates(&set.derived))
+            (estimates("Derived parameters", &set.derived))
             h2 { "Errors" }
             (self.errors())
             p.note { "Content hash " code { (self.stored.content_hash) } ", made by version " (set.software_version) "." }
@@ -113,9 +113,9 @@ impl Page for OneSet {
     }
 }
 
-fn estimates(list: &[ParameterEstimate]) -> Markup {
+fn estimates(label: &str, list: &[ParameterEstimate]) -> Markup {
     html! {
-        div.scroll tabindex="0" role="region" aria-label="Parameters" {
+        div.scroll tabindex="0" role="region" aria-label=(label) {
             table.list {
                 thead { tr {
                     th scope="col" { "Name" } th.num scope="col" { "Value" } th.num scope="col" { "± standard error" }

@@ -102,6 +102,10 @@ impl Page for Sites {
         None
     }
 
+    fn live(&self) -> Option<String> {
+        Some("/updates".to_owned())
+    }
+
     fn body(&self, _source: &str) -> Markup {
         html! {
             h1 { "Sites" }
@@ -113,7 +117,7 @@ impl Page for Sites {
                     "disturbances, how well its model follows them, and what the model is missing."
                 }
                 div.scroll tabindex="0" role="region" aria-label="Sites" {
-                    table.list data-live-table {
+                    table.list.cards {
                         thead { tr {
                             th scope="col" { "Site" }
                             th scope="col" { "Events" }
@@ -169,33 +173,33 @@ fn line(row: &Row) -> Markup {
         tr {
             th scope="row" { a href=(site_address(name, "events")) { (name) } }
             @if let Some(tally) = &row.tally {
-                td { (tally.windows) span.dim { ", " (tally.usable) " usable" } }
-                td.time { (words::utc(tally.newest_onset_ns)) }
+                td.time data-label="Events" { (tally.windows) span.dim { ", " (tally.usable) " usable" } }
+                td.time data-label="Newest, UTC" { (words::utc(tally.newest_onset_ns)) }
             } @else {
-                td { "none yet" } td {}
+                td data-label="Events" { "none yet" } td {}
             }
             @if let Some((stored, set)) = &row.in_force {
-                td {
+                td data-label="In force" {
                     a href=(site_address(name, &format!("sets/{}", stored.version))) { "version " (stored.version) }
                     " " (verdict(set.verdict.status))
                 }
-                td { (words::structure(&set.structure)) }
+                td data-label="Model" { (words::structure(&set.structure)) }
             } @else if let Some(set) = &row.fit {
-                td { span.chip.open { "none yet" } }
-                td { (words::structure(&set.structure)) " " (verdict(set.verdict.status)) }
+                td data-label="In force" { span.chip.open { "none yet" } }
+                td data-label="Model" { (words::structure(&set.structure)) " " (verdict(set.verdict.status)) }
             } @else {
-                td { span.chip.open { "none yet" } } td {}
+                td data-label="In force" { span.chip.open { "none yet" } } td {}
             }
-            td {
+            td data-label="Missing" {
                 @if let Some((status, answers)) = &row.diagnosis {
                     a href=(site_address(name, "diagnosis")) { (status_chip(status)) }
                     @if let Some(first) = answers.first() { " " (words::effect(first)) }
                 }
             }
             @if let Some((errors, _)) = row.quoted() {
-                td.num { (number::significant(errors.eps_p_percent, 3)) }
-                td.num { (number::significant(errors.eps_q_percent, 3)) }
-                td.num { (number::significant(errors.error_to_noise, 3)) }
+                td.num data-label="Error of P, %" { (number::significant(errors.eps_p_percent, 3)) }
+                td.num data-label="Error of Q, %" { (number::significant(errors.eps_q_percent, 3)) }
+                td.num data-label="Error / noise" { (number::significant(errors.error_to_noise, 3)) }
             } @else {
                 td {} td {} td {}
             }

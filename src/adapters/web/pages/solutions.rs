@@ -27,11 +27,19 @@ use crate::adapters::{
     store::{FitId, JobKind, StoredFit},
 };
 
+/// Solutions whose parameters are listed; the CSV twin has all.
+const LISTED: usize = 12;
+/// Solutions that one label names.
+const LABELLED: usize = 2;
+
 #[derive(Debug, Default, Deserialize)]
 pub(in super::super) struct Asked {
     /// `fit-12`; the newest joint fit when left out.
     #[serde(default)]
     fit: String,
+    /// The solution whose directions are drawn; the best that has any when left out.
+    #[serde(default)]
+    from: String,
 }
 
 pub(in super::super) async fn show(
@@ -40,10 +48,7 @@ pub(in super::super) async fn show(
     Query(asked): Query<Asked>,
     uri: Uri,
 ) -> Response {
-    view::show(desk, uri, move |desk| {
-        Solutions::load(desk, &site, &asked.fit)
-    })
-    .await
+    view::show(desk, uri, move |desk| Solutions::load(desk, &site, &asked)).await
 }
 
 /// What the page reads of a stored fit (`identify --json`).
@@ -75,6 +80,9 @@ struct Direction {
     exit_distance: Option<f64>,
     outcome: String,
     solution: Option<usize>,
+    /// Distance and objective; documents of earlier versions have none.
+    #[serde(default)]
+    profile: Vec<[Option<f64>; 2]>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -88,10 +96,19 @@ struct Solutions {
     head: SiteHead,
     choices: Vec<Choice>,
     fit: Option<(StoredFit, Option<Found>)>,
+    /// The solution whose directions are asked for.
+    from: Option<usize>,
 }
 
 impl Solutions {
-    fn load(desk: &Desk, site: &str, asked: &str) -> Result<Self, Problem> {
+    fn load(desk: &Desk, site: &str, asked: &Asked) -> Result<Self, Problem> {
+        let from = match asked.from.as_str() {
+            "" => None,
+            text => Some(text.parse().map_err(|_| {
+                Problem::bad_request(format!("`{text}` is not the number of a solution"))
+            })?),
+        };
+        let asked = asked.fit.as_str();
         let head = SiteHead::load(desk, site)?;
         let choices: Vec<Choice> = models::choices(desk, site, None)?
             .into_iter()
@@ -123,6 +140,7 @@ impl Solutions {
             head,
             choices,
             fit: fit.transpose()?,
+            from,
         })
     }
 
@@ -150,7 +168,7 @@ impl Page for Solutions {
                     button type="submit" { "Show" }
                 }
                 p.facts { "Fit " (fit.id.0) " of " (words::utc(fit.stored_ns)) " UTC, " (words::structure(&fit.structure)) }
-                @if let Some(found) = found { (contents(found, source)) } @else {
+                @if let Some(found) = found { (self.contents(found, &key, source)) } @else {
                     p.problem { "The details of this fit are no longer kept." }
                 }
             } @else {
@@ -160,8 +178,14 @@ impl Page for Solutions {
     }
 
     fn charts(&self) -> Vec<Chart> {
-        self.found()
-            .map_or_else(Vec::new, |found| vec![waterfall(found), tiers(found)])
+        let Some(found) = self.found() else {
+            return Vec::new();
+        };
+        let along = origin(found, self.from).map(|from| along(found, from));
+        [waterfall(found), tiers(found)]
+            .into_iter()
+            .chain(along)
+            .collect()
     }
 
     fn json(&self) -> Result<Value, Problem> {
@@ -215,24 +239,137 @@ fn value(solution: &Solution, name: &str) -> f64 {
         .unwrap_or(f64::NAN)
 }
 
-fn contents(found: &Found, source: &str) -> Markup {
-    let seconds = found.cost.seconds.unwrap_or(f64::NAN);
-    html! {
-        p.lead {
-            (found.solutions.len()) @if found.solutions.len() == 1 { " solution" } @else { " solutions" }
-            " and " (found.directions.len()) " search directions, for " (found.cost.simulations)
-            " plain simulations and " (found.cost.sensitivity_simulations) " with sensitivities in "
-            (number::significant(seconds, 2)) " s. The lowest objective is the fit; the others are local "
-            "minima that a search from one start may end in."
+impl Solutions {
+    fn contents(&self, found: &Found, key: &str, source: &str) -> Markup {
+        let seconds = found.cost.seconds.unwrap_or(f64::NAN);
+        html! {
+            p.lead {
+                (found.solutions.len()) @if found.solutions.len() == 1 { " solution" } @else { " solutions" }
+                " and " (found.directions.len()) " search directions, for " (found.cost.simulations)
+                " plain simulations and " (found.cost.sensitivity_simulations) " with sensitivities in "
+                (number::significant(seconds, 2)) " s. The lowest objective is the fit; the others are local "
+                "minima that a search from one start may end in."
+            }
+            div.charts {
+                (plot::figure(&waterfall(found), Some(source)))
+                (plot::figure(&tiers(found), Some(source)))
+            }
+            h2 { "Parameters of each solution" }
+            (parameters(found))
+            h2 { "Search directions" }
+            @if let Some(from) = origin(found, self.from) {
+                form.filter method="get" {
+                    input type="hidden" name="fit" value=(key);
+                    label { "From solution "
+                        select name="from" {
+                            @for other in origins(found) { option value=(other) selected[other == from] { (other) } }
+                        }
+                    }
+                    button type="submit" { "Show" }
+                }
+                (plot::figure(&along(found, from), Some(source)))
+            }
+            (directions(found))
         }
-        div.charts {
-            (plot::figure(&waterfall(found), Some(source)))
-            (plot::figure(&tiers(found), Some(source)))
+    }
+}
+
+/// Solutions with directions whose objective is kept, best first.
+fn origins(found: &Found) -> Vec<usize> {
+    let kept = |from: usize| {
+        let mut directions = found.directions.iter();
+        directions.any(|d| d.from == from && d.profile.len() > 1)
+    };
+    let numbers = found.solutions.iter().map(|solution| solution.number);
+    numbers.filter(|number| kept(*number)).collect()
+}
+
+fn origin(found: &Found, asked: Option<usize>) -> Option<usize> {
+    let origins = origins(found);
+    let asked = asked.filter(|from| origins.contains(from));
+    asked.or_else(|| origins.first().copied())
+}
+
+/// The objective along every direction from a solution, as far as its exit point was looked for.
+#[allow(
+    clippy::too_many_lines,
+    reason = "one chart described from top to bottom"
+)]
+fn along(found: &Found, from: usize) -> Chart {
+    let looks = [
+        ("new_solution", "led to a new solution", Ink::Model),
+        ("known_solution", "led to a known one", Ink::Measured),
+        ("", "found no exit", Ink::Unused),
+    ];
+    let mut named = [false; 3];
+    let (mut marks, mut ends, mut all) = (
+        Vec::new(),
+        (Vec::new(), Vec::new()),
+        (Vec::new(), Vec::new()),
+    );
+    let kept = found.directions.iter().filter(|d| d.from == from);
+    for direction in kept.filter(|d| d.profile.len() > 1) {
+        let place = looks.iter().position(|look| look.0 == direction.outcome);
+        let place = place.unwrap_or(2);
+        let (_, name, ink) = looks[place];
+        let first = !std::mem::replace(&mut named[place], true);
+        let x = direction
+            .profile
+            .iter()
+            .map(|point| point[0].unwrap_or(f64::NAN));
+        let x: Vec<f64> = x.collect();
+        let y: Vec<f64> = direction
+            .profile
+            .iter()
+            .map(|point| logarithm(point[1]))
+            .collect();
+        if let (true, Some(x), Some(y)) = (direction.exit_distance.is_some(), x.last(), y.last()) {
+            ends.0.push(*x);
+            ends.1.push(*y);
         }
-        h2 { "Parameters of each solution" }
-        (parameters(found))
-        h2 { "Search directions" }
-        (directions(found))
+        all.0.extend(&x);
+        all.1.extend(&y);
+        marks.push(Mark::Line {
+            name: if first {
+                name.to_owned()
+            } else {
+                String::new()
+            },
+            ink,
+            x: Some(x),
+            y,
+            dashed: place == 1,
+        });
+    }
+    marks.push(Mark::Points {
+        name: "exit point".to_owned(),
+        ink: Ink::Mark,
+        shape: Shape::Ring,
+        x: Some(ends.0),
+        y: ends.1,
+        shade: None,
+    });
+    Chart {
+        id: "along".to_owned(),
+        title: format!("Objective along the directions from solution {from}"),
+        description:
+            "The objective along every search direction from this solution: it rises, and where it \
+                      falls again lies the exit point, beyond which another solution is looked for."
+                .to_owned(),
+        horizontal_title: "distance from the solution, widths of the search box".to_owned(),
+        horizontal: span_of(&all.0)
+            .filter(|(low, high)| low < high)
+            .unwrap_or((0.0, 1.0)),
+        names: Vec::new(),
+        x: Vec::new(),
+        linked: None,
+        panels: vec![Panel {
+            title: "objective, half the weighted sum of squares".to_owned(),
+            height: 240,
+            vertical: padded(span_of(&all.1), 0.2),
+            logarithmic: true,
+            marks,
+        }],
     }
 }
 
@@ -337,7 +474,7 @@ fn tiers(found: &Found) -> Chart {
             "Every solution at its tier and objective, joined to the one whose direction led to it."
                 .to_owned(),
         horizontal_title: "tier".to_owned(),
-        horizontal: (-0.4, last as f64 + 0.5),
+        horizontal: (-0.4, last as f64 + 0.6),
         names: (0..=last).map(|tier| tier.to_string()).collect(),
         x: Vec::new(),
         linked: None,
@@ -354,44 +491,55 @@ fn tiers(found: &Found) -> Chart {
 /// A number beside each solution; those that lie on each other share one label.
 fn labels(found: &Found, y: &[f64]) -> Vec<Mark> {
     let span = span_of(y).map_or(1.0, |(low, high)| (high - low).max(f64::MIN_POSITIVE));
-    let mut labels: Vec<(f64, f64, String)> = Vec::new();
+    let mut labels: Vec<(f64, f64, Vec<usize>)> = Vec::new();
     for (solution, &y) in found.solutions.iter().zip(y) {
         let x = solution.tier as f64;
-        let near = |label: &&mut (f64, f64, String)| {
+        let near = |label: &&mut (f64, f64, Vec<usize>)| {
             (label.0 - x).abs() < 0.5 && (label.1 - y).abs() < 0.06 * span
         };
         match labels.iter_mut().find(near) {
-            Some(label) => label.2 = format!("{}, {}", label.2, solution.number),
-            None => labels.push((x, y, solution.number.to_string())),
+            Some(label) => label.2.push(solution.number),
+            None => labels.push((x, y, vec![solution.number])),
         }
     }
-    let marks = labels
-        .into_iter()
-        .map(|(x, y, text)| Mark::Label { x, y, text });
+    let marks = labels.into_iter().map(|(x, y, numbers)| {
+        let first: Vec<_> = numbers
+            .iter()
+            .take(LABELLED)
+            .map(usize::to_string)
+            .collect();
+        let text = match numbers.len().saturating_sub(LABELLED) {
+            0 => first.join(", "),
+            more => format!("{} and {more} more", first.join(", ")),
+        };
+        Mark::Label { x, y, text }
+    });
     marks.collect()
 }
 
 fn parameters(found: &Found) -> Markup {
+    let listed = &found.solutions[..found.solutions.len().min(LISTED)];
     html! {
+        @if listed.len() < found.solutions.len() { p.note { "The best " (LISTED) "; the CSV twin of this page has all." } }
         div.scroll tabindex="0" role="region" aria-label="Parameters of each solution" {
             table.list {
                 thead { tr {
                     th scope="col" { "Parameter" }
-                    @for solution in &found.solutions { th.num scope="col" { "solution " (solution.number) } }
+                    @for solution in listed { th.num scope="col" { "solution " (solution.number) } }
                 } }
                 tbody {
                     tr { th scope="row" { "objective" }
-                        @for solution in &found.solutions { td.num { (number::significant(solution.objective.unwrap_or(f64::NAN), 5)) } } }
+                        @for solution in listed { td.num { (number::significant(solution.objective.unwrap_or(f64::NAN), 5)) } } }
                     tr { th scope="row" { "tier" }
-                        @for solution in &found.solutions { td.num { (solution.tier) } } }
+                        @for solution in listed { td.num { (solution.tier) } } }
                     tr { th scope="row" { "found from" }
-                        @for solution in &found.solutions { td.num {
+                        @for solution in listed { td.num {
                             @if let (Some(from), Some(direction)) = (solution.found_from, solution.direction) { (from) ", direction " (direction) } @else { "start" }
                         } } }
                     @if let Some(first) = found.solutions.first() {
                         @for name in first.parameters.keys() {
                             tr { th scope="row" { (name) }
-                                @for solution in &found.solutions { td.num {
+                                @for solution in listed { td.num {
                                     (number::significant(value(solution, name), 4))
                                     @if solution.at_bound.contains(name) { span.dim { " at bound" } }
                                 } } }
@@ -405,7 +553,7 @@ fn parameters(found: &Found) -> Markup {
 
 fn directions(found: &Found) -> Markup {
     html! {
-        div.scroll tabindex="0" role="region" aria-label="Search directions" {
+        div.scroll.tall tabindex="0" role="region" aria-label="Search directions" {
             table.list {
                 thead { tr {
                     th.num scope="col" { "From" } th.num scope="col" { "No." } th scope="col" { "Direction" }

@@ -132,6 +132,8 @@ pub(super) struct StructurePage {
     /// Error over noise of a perfect model, where a diagnosis says it.
     pub(super) floor: f64,
     pub(super) overlay: Option<Overlay>,
+    /// What the newest diagnosis names and the structure has not.
+    pub(super) missing: Vec<String>,
 }
 
 impl StructurePage {
@@ -145,6 +147,10 @@ impl StructurePage {
         let plain = || vec!["zip".to_owned(), "induction_motor".to_owned()];
         let wanted = newest.or(fitted).unwrap_or_else(plain);
         let diagnosis = store.newest_diagnosis(site)?;
+        let mut missing = diagnosis
+            .as_ref()
+            .map_or_else(Vec::new, |stored| stored.answer_set.clone());
+        missing.retain(|effect| !wanted.contains(effect));
         let floor = diagnosis
             .and_then(|stored| stored.diagnosis().ok().flatten())
             .map_or(1.0, |diagnosis| diagnosis.noise_floor);
@@ -158,7 +164,16 @@ impl StructurePage {
             wanted,
             floor,
             overlay,
+            missing,
         })
+    }
+
+    /// The effect that the form begins with: the one asked for, else the one the diagnosis names.
+    pub(super) fn proposed(&self) -> &str {
+        match self.asked.add.as_str() {
+            "" => self.missing.first().map_or("", String::as_str),
+            asked => asked,
+        }
     }
 
     /// Whether a fit of the wanted structure is still to come.

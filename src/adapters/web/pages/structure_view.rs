@@ -68,17 +68,20 @@ fn change(page: &StructurePage) -> Markup {
     let parts = page.wanted.iter().skip(2);
     html! {
         section aria-label="Change the structure" {
+            @if let Some(effect) = page.missing.first() {
+                p { "The " a href=(page.head.address("diagnosis")) { "diagnosis" } " names " strong { (words::effect(effect)) } "." }
+            }
             @if *may_write {
                 form.filter method="post" action=(address) {
                     input type="hidden" name="csrf" value=(csrf);
                     label { "Add "
                         select name="add" {
                             @for (name, title, instrument) in catalogue(&page.wanted) {
-                                option value=(name) selected[page.asked.add == name] { (title) @if instrument { " (instrument)" } }
+                                option value=(name) selected[page.proposed() == name] { (title) @if instrument { " (instrument)" } }
                             }
                         }
                     }
-                    label { "because " input type="text" name="comment" maxlength="500" placeholder="for the record; may be empty"; }
+                    label.wide { "because " input type="text" name="comment" maxlength="500" placeholder="for the record; may be empty"; }
                     button.main type="submit" { "Add and refit" }
                 }
                 @for effect in parts {
@@ -274,7 +277,7 @@ fn before_and_after(overlay: &Overlay) -> Chart {
             .unwrap_or((0.0, 1.0)),
         names: Vec::new(),
         x,
-        linked: None,
+        linked: Some("time"),
         panels: panels.into(),
     }
 }

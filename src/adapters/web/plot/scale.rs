@@ -9,14 +9,18 @@ pub(super) fn ticks((low, high): (f64, f64), count: u32) -> (Vec<f64>, usize) {
     }
     let raw = span / f64::from(count);
     let power = 10_f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0]
-        .into_iter()
-        .map(|factor| factor * power)
-        // A hair's breadth, so that 0.2 is not missed as 0.19999.
-        .find(|step| *step >= raw * (1.0 - 1e-9))
-        .unwrap_or(10.0 * power);
-    let first = (low / step).ceil();
-    let last = (high / step + 1e-9).floor();
+    let steps = [10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1].map(|factor| factor * power);
+    // A hair's breadth, so that 0.2 is not missed as 0.19999.
+    let wide = steps.iter().filter(|step| **step >= raw * (1.0 - 1e-9));
+    let wide = wide.count().max(1) - 1;
+    let ends = |step: f64| ((low / step).ceil(), (high / step + 1e-9).floor());
+    // One number alone does not tell the scale.
+    let step = steps[wide..]
+        .iter()
+        .copied()
+        .find(|step| ends(*step).0 < ends(*step).1)
+        .unwrap_or(power);
+    let (first, last) = ends(step);
     let mut values = Vec::new();
     let mut index = first;
     while index <= last && values.len() < 64 {

@@ -204,7 +204,7 @@ fn axes(out: &mut String, frame: &Frame<'_>, last: bool) {
 /// What stands at a place of a logarithmic axis, without the last digits' rounding.
 fn number_at(logarithm: f64) -> f64 {
     let value = 10_f64.powf(logarithm);
-    let digit = 10_f64.powf(logarithm.floor() - 1.0);
+    let digit = 10_f64.powf(logarithm.floor() - 2.0);
     (value / digit).round() * digit
 }
 

@@ -48,10 +48,11 @@ class Chart {
   tools() {
     const bar = document.createElement("span"); bar.className = "tools";
     const button = (text, title, act) => { const b = document.createElement("button"); b.type = "button"; b.textContent = text; b.title = title; b.setAttribute("aria-label", title); b.addEventListener("click", act); bar.append(b); };
-    if (this.data.names.length) { button("PNG", "Save as picture", () => this.save()); this.figure.querySelector("figcaption").append(bar); return; }
+    if (this.data.names.length) { button("PNG", "Save as PNG picture", () => this.save()); this.figure.querySelector("figcaption").append(bar); return; }
     button("+", "Zoom in", () => this.zoom(0.5)); button("\u2212", "Zoom out", () => this.zoom(2));
     button("\u25c2", "Earlier", () => this.move(-0.25)); button("\u25b8", "Later", () => this.move(0.25));
-    button("all", "Show everything", () => this.show(...this.whole)); button("PNG", "Save as picture", () => this.save());
+    if (this.data.linked === "time") button("0\u20132 s", "Show 0\u20132 s, the first two seconds", () => this.show(Math.max(this.whole[0], -0.2), Math.min(this.whole[1], 2)));
+    button("all", "Show all", () => this.show(...this.whole)); button("PNG", "Save as PNG picture", () => this.save());
     this.figure.querySelector("figcaption").append(bar);
   }
 

@@ -17,7 +17,9 @@ export function ticks(low, high, count) {
   const span = high - low;
   if (!(span > 0) || !isFinite(span)) return { values: [], decimals: 0 };
   const raw = span / count, power = 10 ** Math.floor(Math.log10(raw));
-  const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= raw * (1 - 1e-9));
+  const steps = [10, 5, 2, 1, 0.5, 0.2, 0.1].map((f) => f * power), wide = steps.filter((s) => s >= raw * (1 - 1e-9)).length - 1;
+  const several = (s) => Math.ceil(low / s) < Math.floor(high / s + 1e-9); // one number alone does not tell the scale
+  const step = steps.slice(Math.max(0, wide)).find(several) ?? power;
   const values = [];
   for (let k = Math.ceil(low / step); k <= Math.floor(high / step + 1e-9) && values.length < 64; k++) values.push(k * step);
   return { values, decimals: Math.min(9, Math.max(0, -Math.floor(Math.log10(step)))) };
@@ -36,7 +38,7 @@ export function logarithmicTicks(low, high, count) {
 
 // What stands at a place of a logarithmic axis, without the last digits' rounding.
 function numberAt(logarithm) {
-  const digit = 10 ** (Math.floor(logarithm) - 1), value = Math.round(10 ** logarithm / digit) * digit;
+  const digit = 10 ** (Math.floor(logarithm) - 2), value = Math.round(10 ** logarithm / digit) * digit;
   return Math.abs(value) >= 1e6 || Math.abs(value) < 1e-4 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
 }
 
@@ -114,7 +116,7 @@ export class Panel {
 
   line(mark) {
     const c = this.context, [x, from, to] = this.range(mark), y = mark.y;
-    c.strokeStyle = this.colours[mark.ink]; c.lineWidth = 1.6; c.lineJoin = "round"; c.setLineDash(mark.dashed ? [6, 3] : []);
+    c.strokeStyle = this.colours[mark.ink]; c.lineWidth = mark.ink === "measured" ? 2.6 : 1.6; c.lineJoin = "round"; c.setLineDash(mark.dashed ? [6, 3] : []);
     c.beginPath();
     const dense = to - from > 3 * this.box.width;
     let down = false, column = NaN, low = 0, high = 0;

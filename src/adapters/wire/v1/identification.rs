@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    ParameterSetV1,
+    DirectionProfileV1, ParameterSetV1,
     json::{nullable, ordered},
     words::outcome_name,
 };
@@ -11,6 +11,9 @@ use crate::{
     adapters::wire::DocumentError,
     identification::{Cost, DirectionOutcome, DirectionRecord, Identification, Solution},
 };
+
+/// Points kept of the objective along one direction: enough for its shape.
+const PROFILE_POINTS_MAX: usize = 24;
 
 /// Counterpart of [`Identification`]: the parameter set's fields and how it was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -21,7 +24,7 @@ pub struct IdentificationV1 {
     /// Every local solution found, best first.
     pub solutions: Vec<SolutionV1>,
     /// Every search direction and its outcome.
-    pub directions: Vec<DirectionV1>,
+    pub directions: Vec<DirectionProfileV1>,
     /// What it cost.
     pub cost: CostV1,
     /// Events that could not be used.
@@ -111,7 +114,7 @@ impl IdentificationV1 {
             directions: identification
                 .directions
                 .iter()
-                .map(DirectionV1::from)
+                .map(|record| DirectionProfileV1::from(record).thinned(PROFILE_POINTS_MAX))
                 .collect(),
             cost: identification.cost.into(),
             refused: identification

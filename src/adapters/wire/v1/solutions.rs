@@ -101,6 +101,21 @@ impl SolutionsV1 {
     }
 }
 
+impl DirectionProfileV1 {
+    /// With at most about `points_max` points of the profile, among them its first and its last.
+    #[must_use]
+    pub fn thinned(mut self, points_max: usize) -> Self {
+        let count = self.profile.len();
+        let step = count.div_ceil(points_max.max(1)).max(1);
+        let kept = self.profile.iter().enumerate();
+        self.profile = kept
+            .filter(|(k, _)| k % step == 0 || k + 1 == count)
+            .map(|(_, point)| *point)
+            .collect();
+        self
+    }
+}
+
 impl From<&DirectionRecord> for DirectionProfileV1 {
     fn from(record: &DirectionRecord) -> Self {
         Self {
