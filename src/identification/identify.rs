@@ -8,14 +8,14 @@ use super::{
     edge_timing::align,
     estimates::{self, Estimates},
     evaluate::{EventModel, FittedModel, StaticModel, errors},
-    fit::{Fit, FitSolution, SearchOptions, check, fit},
+    fit::{Fit, FitSolution, SearchOptions},
     hold_out::held_out,
     intake::{IntakeOptions, PreparedEvent, prepare},
     joint_problem::{LINEAR, OUTER, ProblemOptions},
     paper_problem::{PAPER, PAPER_NAMES},
     precision::Precision,
     robust::RobustLoss,
-    scan_comparison::{ScanCheck, ScanComparison},
+    scan_comparison::ScanComparison,
     site_fit::{FittedSite, fit_site},
     solution::Ended,
     validate::{Evidence, ValidationOptions, validate},
@@ -230,51 +230,6 @@ pub fn conclude(
         cost: site_fit.found.cost,
         refused: site_fit.refused,
     })
-}
-
-/// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
-/// explain P and Q best, until the objective settles.
-///
-/// # Errors
-///
-/// [`IdentificationError::NoSolution`] when the search finds nothing, [`IdentificationError::Cancelled`]
-/// when the caller asked to stop.
-pub fn fit_aligned(
-    mut events: Vec<PreparedEvent>,
-    problem: ProblemOptions,
-    search: &SearchOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<(Fit, Vec<PreparedEvent>), IdentificationError> {
-    const ROUNDS_MAX: usize = 8;
-    const SETTLED: f64 = 0.01;
-    let mut before: Option<f64> = None;
-    let mut spent = Cost::default();
-    let unchecked = SearchOptions {
-        check: ScanCheck::Off,
-        ..*search
-    };
-    for round in 1.. {
-        let found = fit(&events, problem, &unchecked, cancel);
-        if cancel() {
-            return Err(IdentificationError::Cancelled);
-        }
-        let mut found = found.ok_or(IdentificationError::NoSolution)?;
-        spent.simulations += found.cost.simulations;
-        spent.sensitivity_simulations += found.cost.sensitivity_simulations;
-        found.cost = spent;
-        let Some(best) = found.solutions.first() else {
-            break;
-        };
-        let objective = best.point.objective;
-        let settled = before.is_some_and(|b| b - objective < SETTLED * b);
-        if settled || round == ROUNDS_MAX || !events.iter().any(PreparedEvent::instants_open) {
-            found.scan = check(&events, problem, search, &found.solutions, cancel);
-            return Ok((found, events));
-        }
-        before = Some(objective);
-        events = events.iter().map(|e| align(&best.model, e)).collect();
-    }
-    Err(IdentificationError::NoSolution)
 }
 
 /// Simulates a parameter set on each window that can be used.

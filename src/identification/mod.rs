@@ -39,13 +39,13 @@ pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
     Identification, IdentificationError, IdentificationOptions, Split, compare, conclude,
-    errors_on, fit_aligned, identify, median_operating_point, prepare_all,
+    errors_on, identify, median_operating_point, prepare_all,
 };
 pub use measurement_chain::MeasurementChain;
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use phasor_filter::{FilterChoice, PhasorFilter};
 pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};
 pub use robust::RobustLoss;
-pub use site_fit::FittedSite;
+pub use site_fit::{FittedSite, fit_aligned};
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};
 pub use verdict::{ChannelVerdict, Decision, Verdict, VerdictStatus};

@@ -1,15 +1,17 @@
 //! The fit of a site from its windows: prepare, split, fit, and where asked for fit again robustly.
 
 use super::{
-    IdentificationError, IdentificationOptions, OperatingPoint,
+    Cost, IdentificationError, IdentificationOptions, OperatingPoint,
     composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline},
+    edge_timing::align,
     evaluate::EventModel,
-    fit::{Fit, FitSolution, SearchOptions},
-    identify::{fit_aligned, median_operating_point, prepare_all, reduced_chi_square, split},
+    fit::{Fit, FitSolution, SearchOptions, check, fit},
+    identify::{median_operating_point, prepare_all, reduced_chi_square, split},
     intake::PreparedEvent,
     joint_problem::ProblemOptions,
     precision::Precision,
     robust::{RobustLoss, SampleWeights, sample_weights},
+    scan_comparison::ScanCheck,
 };
 use crate::{disturbance::Window, load_model::Structure};
 
@@ -197,6 +199,51 @@ fn fit_again_robustly(
             return Ok((found, weighted, measured));
         }
         before = Some(weights);
+    }
+    Err(IdentificationError::NoSolution)
+}
+
+/// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
+/// explain P and Q best, until the objective settles.
+///
+/// # Errors
+///
+/// [`IdentificationError::NoSolution`] when the search finds nothing, [`IdentificationError::Cancelled`]
+/// when the caller asked to stop.
+pub fn fit_aligned(
+    mut events: Vec<PreparedEvent>,
+    problem: ProblemOptions,
+    search: &SearchOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<(Fit, Vec<PreparedEvent>), IdentificationError> {
+    const ROUNDS_MAX: usize = 8;
+    const SETTLED: f64 = 0.01;
+    let mut before: Option<f64> = None;
+    let mut spent = Cost::default();
+    let unchecked = SearchOptions {
+        check: ScanCheck::Off,
+        ..*search
+    };
+    for round in 1.. {
+        let found = fit(&events, problem, &unchecked, cancel);
+        if cancel() {
+            return Err(IdentificationError::Cancelled);
+        }
+        let mut found = found.ok_or(IdentificationError::NoSolution)?;
+        spent.simulations += found.cost.simulations;
+        spent.sensitivity_simulations += found.cost.sensitivity_simulations;
+        found.cost = spent;
+        let Some(best) = found.solutions.first() else {
+            break;
+        };
+        let objective = best.point.objective;
+        let settled = before.is_some_and(|b| b - objective < SETTLED * b);
+        if settled || round == ROUNDS_MAX || !events.iter().any(PreparedEvent::instants_open) {
+            found.scan = check(&events, problem, search, &found.solutions, cancel);
+            return Ok((found, events));
+        }
+        before = Some(objective);
+        events = events.iter().map(|e| align(&best.model, e)).collect();
     }
     Err(IdentificationError::NoSolution)
 }

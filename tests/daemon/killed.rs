@@ -201,10 +201,11 @@ impl Place {
             directory.path().join("store.sqlite").display(),
         );
         for name in SITES {
-            text += &format!(
+            let own = format!(
                 "[[site]]\nname = \"{name}\"\ns_base_mva = 40\nv_base_kv = 110\nnominal_hz = 60\n\
                  [[site.c37118]]\nvoltage = [\"V1\"]\ncurrents = [\"I1\"]\n"
             );
+            text.push_str(&own);
         }
         fs::write(directory.path().join("config.toml"), text).unwrap();
         Self { directory }

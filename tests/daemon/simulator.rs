@@ -1,4 +1,4 @@
-//! A PMU that others have written (the PyPI package `synchrophasor`), in its four formats, through the bridge and
+//! A PMU that others have written (the `PyPI` package `synchrophasor`), in its four formats, through the bridge and
 //! zenoh into the daemon: each dip is one window with its depth and its time, whether the configuration changes
 //! while the PMU runs or because another one takes its place.
 
@@ -12,6 +12,7 @@ const FRAMES: u64 = 900;
 const DIP_NS: i64 = 15_016_666_667;
 
 #[test]
+#[allow(clippy::too_many_lines, reason = "one history from start to end")]
 fn a_pmu_of_another_make_is_followed_through_its_formats_and_a_restart() {
     let Some(python) = python() else { return };
     let mapping = "[[site.c37118]]\nvoltage = [\"VA\"]\ncurrents = [\"IA\"]\n\

@@ -135,8 +135,9 @@ impl ComposedFit {
     }
 }
 
-/// Fits the parameters `free` (indices, ascending) to the events from `start`. `None` when the
-/// start cannot be simulated or the caller asked to stop.
+/// Fits the parameters `free` (indices, ascending) to the events from `start`: no worse by the posterior
+/// than where it begins, or, far from the events, than where the noise alone leads. `None` when the start
+/// cannot be simulated or the caller asked to stop.
 #[must_use]
 pub fn fit(
     events: &[PreparedEvent],
@@ -174,18 +175,20 @@ pub(super) fn fit_rows(
         lowest: None,
         evaluations: 0,
     };
-    if !fitting.is_far()? {
-        return fitting.settle();
-    }
-    let left = fitting.approach()?;
-    let near = fitting.finished()?;
+    let left = if fitting.is_far()? {
+        fitting.approach()?
+    } else {
+        0.0
+    };
+    let begun = fitting.finished()?;
     if left > FAR {
-        return Some(near);
+        return Some(begun);
     }
+    // Renewed covariances may find the end of a round above where it began.
     let settled = fitting.settle();
     let lower =
-        |fit: &ComposedFit| fit.minus_twice_log_posterior() <= near.minus_twice_log_posterior();
-    Some(settled.filter(lower).unwrap_or(near))
+        |fit: &ComposedFit| fit.minus_twice_log_posterior() <= begun.minus_twice_log_posterior();
+    Some(settled.filter(lower).unwrap_or(begun))
 }
 
 /// A fit under way.

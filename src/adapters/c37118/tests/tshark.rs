@@ -10,7 +10,7 @@ use crate::adapters::c37118::{
     Command as Asked, CommandFrame, ConfigurationKind, Format, HeaderFrame, Status, TimeQuality,
 };
 
-/// Raw IP packets (LINKTYPE_RAW).
+/// Raw IP packets (`LINKTYPE_RAW`).
 const LINK_TYPE: u32 = 101;
 /// The port that tshark takes for synchrophasors.
 const PORT: u16 = 4713;
