@@ -64,7 +64,7 @@ fn every_parser_reads_or_refuses_its_corpus_and_mutants_of_it() {
         assert!(!files.is_empty(), "{name}");
         let mut random = Random(20_261_121);
         let originals: Vec<Vec<u8>> = files.iter().map(|f| fs::read(f).unwrap()).collect();
-        for original in originals.iter() {
+        for original in &originals {
             parse(original);
         }
         for original in originals.iter().cycle().take(mutants) {

@@ -11,6 +11,10 @@ use loadmodeld::{
     },
 };
 
+/// Of minus twice the logarithm of the posterior: what a fit with renewed covariances may end above one of a
+/// single step. Rounds end when one gains less than a thousandth of the objective, here 0.5.
+const SETTLED: f64 = 0.1;
+
 /// The two deepest events of a site in which nothing is hidden.
 fn events() -> Vec<PreparedEvent> {
     let (_, windows) = super::site(&[], 1);
@@ -65,7 +69,7 @@ fn any_two_effects_can_be_fitted_together() {
             let (before, after) = (run(&at_start), run(&options));
             improved += usize::from(after < before);
             // Not for NaN, either.
-            let kept = after <= before;
+            let kept = after < before + SETTLED;
             if !kept {
                 lost.push(format!("{one} + {other}: {before} to {after}"));
             }
