@@ -4,7 +4,10 @@ use std::sync::Arc;
 
 use super::{clock, inputs::diagnosis_hash};
 use crate::{
-    adapters::store::{Store, StoreError},
+    adapters::{
+        http::{Reporter, Stage},
+        store::{Store, StoreError},
+    },
     diagnosis::{self, DiagnosisOptions},
     disturbance::Window,
     identification::IdentificationError,
@@ -24,6 +27,7 @@ pub(super) struct Inputs<'a> {
 pub(super) fn diagnose(
     store: &dyn Store,
     inputs: &Inputs<'_>,
+    reporter: &Reporter,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<FitEnd, StoreError> {
     let ids: Vec<String> = inputs.windows.iter().map(|w| w.id.clone()).collect();
@@ -41,7 +45,14 @@ pub(super) fn diagnose(
         inputs.windows,
         inputs.structure,
         options,
-        &|progress| tracing::debug!(site = name, ?progress, "diagnosing"),
+        &|progress| {
+            tracing::debug!(site = name, ?progress, "diagnosing");
+            reporter.stage(Stage {
+                what: progress.what,
+                done: progress.done,
+                of: progress.of,
+            });
+        },
         cancel,
     );
     Ok(match made {

@@ -122,6 +122,7 @@ impl Parts {
         let fits = Fits::new(
             Arc::clone(&self.store),
             Arc::clone(&self.settings),
+            Arc::clone(self.health.work()),
             events_sender.clone(),
         );
         let progress = std::mem::take(&mut self.progress);

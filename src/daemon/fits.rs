@@ -22,7 +22,10 @@ use super::{
     structures,
 };
 use crate::{
-    adapters::store::{Store, StoreError, StoredFit},
+    adapters::{
+        http::{Ongoing, WorkBoard},
+        store::{Store, StoreError, StoredFit},
+    },
     disturbance::Window,
     identification::{
         Identification, IdentificationError, InForce, ParameterSet, errors_on, identify,
@@ -36,6 +39,7 @@ use crate::{
 pub(super) struct Fits {
     store: Arc<dyn Store>,
     settings: Arc<Settings>,
+    board: Arc<WorkBoard>,
     events: UnboundedSender<Event>,
     cancel_flags: HashMap<i64, Arc<AtomicBool>>,
 }
@@ -44,11 +48,13 @@ impl Fits {
     pub(super) fn new(
         store: Arc<dyn Store>,
         settings: Arc<Settings>,
+        board: Arc<WorkBoard>,
         events: UnboundedSender<Event>,
     ) -> Self {
         Self {
             store,
             settings,
+            board,
             events,
             cancel_flags: HashMap::new(),
         }
@@ -65,6 +71,8 @@ impl Fits {
         let fit = Fit {
             store: Arc::clone(&self.store),
             settings: Arc::clone(&self.settings),
+            board: Arc::clone(&self.board),
+            job,
             work: claimed.work,
             cancel,
         };
@@ -94,6 +102,8 @@ impl Fits {
 struct Fit {
     store: Arc<dyn Store>,
     settings: Arc<Settings>,
+    board: Arc<WorkBoard>,
+    job: i64,
     work: Work,
     cancel: Arc<AtomicBool>,
 }
@@ -124,7 +134,12 @@ impl Fit {
         }
         let options = &self.settings.options_of(&site.name);
         let structure = structures::in_force(self.store.as_ref(), &self.settings, &site.name)?;
-        let cancel = || self.cancel.load(Ordering::Relaxed);
+        let reporter = self.board.begin(self.job, self.begun(&structure));
+        // It is asked between simulations.
+        let cancel = || {
+            reporter.simulated();
+            self.cancel.load(Ordering::Relaxed)
+        };
         if self.work.kind == WorkKind::Diagnosis {
             let inputs = Inputs {
                 site: &site,
@@ -132,7 +147,7 @@ impl Fit {
                 structure: &structure,
                 options,
             };
-            return diagnoses::diagnose(self.store.as_ref(), &inputs, &cancel);
+            return diagnoses::diagnose(self.store.as_ref(), &inputs, &reporter, &cancel);
         }
         let ids: Vec<String> = windows.iter().map(|w| w.id.clone()).collect();
         let inputs_hash = inputs_hash(&ids, &structure, options);
@@ -158,6 +173,18 @@ impl Fit {
             },
             Err(error) => no_set(error.to_string()),
         })
+    }
+
+    fn begun(&self, structure: &[String]) -> Ongoing {
+        Ongoing {
+            kind: job_kind(self.work.kind),
+            site: self.work.site.clone(),
+            subject: self.work.subject.clone(),
+            structure: structure.to_vec(),
+            since_ns: clock::now_ns(),
+            simulations: 0,
+            stage: None,
+        }
     }
 
     fn fitted(

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     disturbance::Window,
-    identification::{IdentificationError, composed_parameters},
+    identification::{FittedStructure, IdentificationError, composed_parameters},
     load_model::{Structure, effect::Role},
     measurement::Site,
 };
@@ -81,6 +81,7 @@ fn cannot_judge(site: &Site, structure: &[String], error: &IdentificationError) 
         answer_set: Vec::new(),
         untestable: Vec::new(),
         unexplained: None,
+        model: None,
         cost: DiagnosisCost::default(),
     }
 }
@@ -131,6 +132,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         answer_set,
         untestable: trials().filter_map(|t| untestable(round, t)).collect(),
         unexplained,
+        model: Some(FittedStructure::of(fit)),
         cost: DiagnosisCost {
             simulations: trials()
                 .filter_map(|t| t.fit.as_ref())
@@ -226,6 +228,7 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
                 .as_ref()
                 .map(|fit| composed_parameters(fit, trial.name()))
                 .unwrap_or_default(),
+            model: trial.fit.as_ref().map(FittedStructure::of),
             declared,
             refused,
         }

@@ -1,7 +1,7 @@
 //! What a diagnosis says, and what rounds of it have done.
 
 use crate::{
-    identification::{ErrorSummary, ParameterEstimate, ParameterSet},
+    identification::{ErrorSummary, FittedStructure, ParameterEstimate, ParameterSet},
     load_model::effect::Kind,
 };
 
@@ -96,6 +96,8 @@ pub struct Candidate {
     pub would_separate: String,
     /// Its parameters after the refit.
     pub parameters: Vec<ParameterEstimate>,
+    /// The refit as a whole, to be simulated again; none without one.
+    pub model: Option<FittedStructure>,
     /// Whether it passed every test of a declaration.
     pub declared: bool,
     /// Why it is not declared, with the figure; empty when it is.
@@ -186,6 +188,8 @@ pub struct Diagnosis {
     pub untestable: Vec<Untestable>,
     /// What no effect of the catalogue explains.
     pub unexplained: Option<Unexplained>,
+    /// The fit of the structure judged, to be simulated again; none where nothing could be judged.
+    pub model: Option<FittedStructure>,
     /// Cost.
     pub cost: DiagnosisCost,
 }

@@ -14,6 +14,7 @@ use super::{
     joint_problem::{LINEAR, OUTER, ProblemOptions},
     paper_problem::{PAPER, PAPER_NAMES},
     precision::Precision,
+    refit::FittedStructure,
     robust::RobustLoss,
     scan_comparison::ScanComparison,
     site_fit::{FittedSite, fit_site},
@@ -242,12 +243,31 @@ pub fn compare(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    let model = model_of(set)?;
+    compare_model(model_of(set)?.as_ref(), windows, options)
+}
+
+/// As [`compare`], of a structure with values.
+///
+/// # Errors
+///
+/// As [`compare`].
+pub fn compare_fitted(
+    fitted: &FittedStructure,
+    windows: &[Window],
+    options: &IdentificationOptions,
+) -> Result<Vec<Comparison>, IdentificationError> {
+    compare_model(&fitted.load()?, windows, options)
+}
+
+fn compare_model(
+    model: &dyn EventModel,
+    windows: &[Window],
+    options: &IdentificationOptions,
+) -> Result<Vec<Comparison>, IdentificationError> {
     let (events, refused) = prepare_all(windows, &options.intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
-    let model = model.as_ref();
     let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
     let reference = StaticModel::fit(&events);
     let summary =

@@ -24,6 +24,7 @@ pub mod plausibility;
 pub mod precision;
 pub mod profile;
 mod quantities;
+mod refit;
 pub mod robust;
 pub mod scan_comparison;
 mod search;
@@ -38,13 +39,14 @@ pub use composed_estimates::composed_parameters;
 pub use decision::{DecisionOptions, InForce, decide};
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
-    Identification, IdentificationError, IdentificationOptions, Split, compare, conclude,
-    errors_on, identify, median_operating_point, prepare_all,
+    Identification, IdentificationError, IdentificationOptions, Split, compare, compare_fitted,
+    conclude, errors_on, identify, median_operating_point, prepare_all,
 };
 pub use measurement_chain::MeasurementChain;
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use phasor_filter::{FilterChoice, PhasorFilter};
 pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};
+pub use refit::FittedStructure;
 pub use robust::RobustLoss;
 pub use site_fit::{FittedSite, fit_aligned};
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};

@@ -1,6 +1,7 @@
 // The pages in Chromium: `node browser.mjs PROGRAM PLACE`. Ends with 1 when a check fails.
 import { createRequire } from "node:module";
 import { readFileSync, mkdirSync } from "node:fs";
+import { request } from "node:http";
 import { join } from "node:path";
 import { chromium } from "playwright-core";
 import { effect, site, start, token } from "./daemon.mjs";
@@ -40,7 +41,8 @@ function watch(context) {
   const complaints = [];
   context.on("page", (page) => {
     page.on("console", (message) => {
-      if (["error", "warning"].includes(message.type())) complaints.push(`${page.url()}: ${message.text()}`);
+      // Chromium notes that a page was refused, which is what was asked for.
+      if (["error", "warning"].includes(message.type()) && !message.location().url.endsWith("/events/nothing")) complaints.push(`${page.url()}: ${message.text()}`);
     });
     page.on("pageerror", (error) => complaints.push(`${page.url()}: ${error.message}`));
     page.on("request", (request) => {
@@ -82,7 +84,7 @@ async function everyScreen(paths) {
     const context = await browser.newContext(settings), complaints = watch(context);
     for (const [name, path] of Object.entries(paths)) {
       const { page, answer } = await visit(context, path);
-      check(answer.status() === 200, `${name} ${view} is there`);
+      check(answer.status() === (name === "refused" ? 404 : 200), `${name} ${view} is there`);
       const wide = await page.evaluate(() => document.documentElement.scrollWidth - document.documentElement.clientWidth);
       check(wide <= 0, `${name} ${view} is not wider than the window (${wide} px)`);
       await page.screenshot({ path: join(shots, `${name}-${view}.png`), fullPage: true });
@@ -114,7 +116,7 @@ async function withoutScripts(paths) {
     const page = await context.newPage();
     await page.goto(address + path, { waitUntil: "load" });
     const text = await page.locator("main").innerText();
-    check(text.length > 100, `${name} tells its content without scripts`);
+    check(text.length > (name === "refused" ? 40 : 100), `${name} tells its content without scripts`);
     if (name === "event") {
       const box = await page.locator("figure.chart svg").first().boundingBox();
       check(box !== null && box.height > 200, "the event is drawn without scripts");
@@ -125,11 +127,15 @@ async function withoutScripts(paths) {
   await context.close();
 }
 
+// Whether it becomes true within the time that a page may take: the browser acts on input in its own time.
+async function holds(page, condition, argument) {
+  return page.waitForFunction(condition, argument, { timeout: PAGE_LIMIT_MS }).then(() => true, () => false);
+}
+
 // Both charts over time show the same stretch, whatever changed it.
 async function zoom(path) {
   const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
   const { page } = await visit(context, path);
-  const whole = page.url();
   const canvas = page.locator("#over-time canvas").first();
   await canvas.scrollIntoViewIfNeeded();
   const box = await canvas.boundingBox();
@@ -139,23 +145,43 @@ async function zoom(path) {
   await page.mouse.down();
   await page.mouse.move(box.x + 320, box.y + 60, { steps: 4 });
   await page.mouse.up();
-  check(page.url().includes("#time="), "a stretch drawn by the mouse is shown, and the address says so");
+  check(await holds(page, () => location.hash.startsWith("#time=")), "a stretch drawn by the mouse is shown, and the address says so");
   check((await picture()) !== before, "all panels are drawn anew");
   await page.mouse.move(box.x + 400, box.y + 60);
   check(await page.locator("#over-time .readout").isVisible(), "values are told under the pointer");
-  const { page: again } = await visit(context, path + page.url().slice(whole.length));
-  check((await again.url()).includes("#time="), "the address shows the same stretch again");
+  const hash = await page.evaluate(() => location.hash);
+  const { page: again } = await visit(context, path + hash);
+  check(await holds(again, (stretch) => location.hash === stretch, hash), "the address shows the same stretch again");
   await page.bringToFront();
   await page.locator("#over-time .plot").focus();
   await page.keyboard.press("0");
-  check(page.url() === whole, "the key 0 shows everything again");
+  check(await holds(page, () => location.hash === ""), "the key 0 shows everything again");
   await page.keyboard.press("+");
-  check(page.url().includes("#time="), "the key + zooms");
+  check(await holds(page, () => location.hash.startsWith("#time=")), "the key + zooms");
   await context.close();
 }
 
+// A form with files: its content type and its bytes, so that they can be sent as they are.
+function form(files) {
+  const boundary = "part-of-the-form", parts = [`--${boundary}\r\ncontent-disposition: form-data; name="csrf"\r\n\r\n\r\n`];
+  for (const [name, bytes] of Object.entries(files)) parts.push(`--${boundary}\r\ncontent-disposition: form-data; name="files"; filename="${name}"\r\n\r\n`, bytes, "\r\n");
+  return { type: `multipart/form-data; boundary=${boundary}`, bytes: Buffer.concat([...parts, `--${boundary}--\r\n`].map((part) => Buffer.from(part))) };
+}
+
+// Sends all before it reads, as browsers do, and reads to the end.
+function post(path, { type, bytes }, headers = {}) {
+  return new Promise((resolve, reject) => {
+    const asked = request(address + path, { method: "POST", agent: false, headers: { "content-type": type, "content-length": bytes.length, ...headers } }, (answer) => {
+      const read = []; answer.on("data", (part) => read.push(part));
+      answer.on("end", () => resolve({ status: answer.statusCode, type: answer.headers["content-type"] ?? "", text: Buffer.concat(read).toString() })).on("error", reject);
+    });
+    asked.on("error", reject); asked.end(bytes);
+  });
+}
+
 async function refusals(event) {
-  const post = (path, body, headers = {}) => fetch(address + path, { method: "POST", body, redirect: "manual", headers: { "content-type": "application/x-www-form-urlencoded", origin: address, ...headers } });
+  const words = (text) => ({ type: "application/x-www-form-urlencoded", bytes: Buffer.from(text) });
+  const own = { origin: address };
   const wanted = [
     [await fetch(address + "/sites/no%2Fsuch"), 404, "a site that is not there"],
     [await fetch(address + of("events/nothing")), 404, "an event that is not there"],
@@ -166,13 +192,22 @@ async function refusals(event) {
     [await fetch(address + of("compare?event=a")), 400, "one event to compare"],
     [await fetch(address + of("events?sort=colour")), 400, "a column that is not there"],
     [await fetch(address + "/elsewhere"), 404, "an address that leads nowhere"],
-    [await post("/session", "token=wrong"), 403, "a wrong token"],
-    [await post("/session", `token=${token}`, { origin: "http://evil.example" }), 403, "a token sent by another site"],
-    [await post(of("structure"), `csrf=&add=${effect}`), 403, "a change without the token"],
-    [await post(of("structure"), "x".repeat(100000)), 413, "a form of 100 kB"],
+    [await fetch(address + of("diagnosis?with=magic")), 404, "an effect that was not tried"],
+    [await fetch(address + of("diagnosis?event=nothing")), 404, "an event that was not diagnosed"],
+    [await post("/session", words("token=wrong"), own), 403, "a wrong token"],
+    [await post("/session", words(`token=${token}`), { origin: "http://evil.example" }), 403, "a token sent by another site"],
+    [await post(of("structure"), words(`csrf=&add=${effect}`), own), 403, "a change without the token"],
+    [await post(of("structure"), words("x".repeat(100000)), own), 413, "a form of 100 kB"],
+    [await post(of("structure"), words("x".repeat(20000000)), own), 413, "a form of 20 MB"],
+    [await post(of("structure"), words("nonsense=1"), own), 422, "a form of other fields"],
+    [await post(of("events"), words(""), own), 405, "a form where none is"],
     [await fetch(address + "/api/v1/sites/substation/structure", { method: "POST", body: "{}", headers: { authorization: "Bearer wrong", "content-type": "application/json" } }), 401, "a wrong token of the API"],
   ];
-  for (const [answer, status, what] of wanted) check(answer.status === status, `${what} is refused with ${answer.status} of ${status}`);
+  for (const [answer, status, what] of wanted) {
+    check(answer.status === status, `${what} is refused with ${answer.status} of ${status}`);
+    const type = answer instanceof Response ? answer.headers.get("content-type") : answer.type;
+    check(/^text\/html|^application\/json/.test(type), `${what}: the reason is a page or JSON (${type})`);
+  }
   const text = await (await fetch(address + of("sets/first"))).text();
   check(text.includes("is not the number of a version"), "a refusal says what is wrong");
 }
@@ -204,12 +239,23 @@ async function addTheEffect(context) {
   check(answers.includes(effect), `the diagnosis names ${answers.join(", ")}`);
   check(clicks <= 5, `the effect is found with ${clicks} clicks`);
   const words = effect.replaceAll("_", " ");
+  await charts(page);
+  check(await page.locator("#before-after canvas").first().isVisible(), "what it would do to the model is drawn before it is added");
+  const { drawn } = await json(of("diagnosis.json"));
+  check(drawn.effect === effect && drawn.with.error_to_noise < 0.8 * drawn.without.error_to_noise,
+    `with ${drawn.effect} the error over noise would fall from ${drawn.without.error_to_noise.toFixed(2)} to ${drawn.with.error_to_noise.toFixed(2)}`);
   await click(page.getByRole("button", { name: new RegExp(`[Aa]dd ${words}`) }));
   check(page.url() === address + of("structure"), `one more adds it and shows the staircase: ${page.url()}`);
-  await page.evaluate(() => { window.notReloaded = true; });
+  await page.evaluate(() => {
+    window.notReloaded = true; window.progress = [];
+    const note = () => { const text = document.querySelector("#work")?.textContent; if (text) window.progress.push(text); };
+    note(); new MutationObserver(note).observe(document.querySelector("main"), { childList: true, subtree: true });
+  });
   await page.waitForFunction((name) => document.querySelector("#staircase")?.textContent.includes(name), `+ ${words}`, { timeout: WORK_LIMIT_MS });
   await charts(page);
   check(await page.evaluate(() => window.notReloaded === true), "the staircase shows the step without a reload");
+  const progress = await page.evaluate(() => window.progress.filter((text) => text.includes("Fitting") && text.includes("simulations")));
+  check(progress.length > 0, `how far the fit is was shown ${new Set(progress).size} times: ${progress.at(-1)}`);
   const { steps } = await json(of("structure.json"));
   const [before, after] = [steps.at(-2), steps.at(-1)].map((s) => s.held_out_error_to_noise ?? s.error_to_noise);
   check(after < 0.8 * before, `the error over noise falls from ${before.toFixed(2)} to ${after.toFixed(2)}`);
@@ -226,7 +272,7 @@ async function sendRecording(context, event) {
   check(exported.status === 200 && bytes.toString("latin1").startsWith("--- file type: CFG ---"), "an event is exported as COMTRADE");
   const page = await context.newPage(), send = async (name, buffer) => {
     await page.goto(address + of("recordings"));
-    await page.getByLabel("Recording").setInputFiles({ name, mimeType: "application/octet-stream", buffer });
+    await page.getByLabel("Recording", { exact: true }).setInputFiles({ name, mimeType: "application/octet-stream", buffer });
     const [answer] = await Promise.all([
       page.waitForResponse((answer) => answer.request().method() === "POST"),
       page.getByRole("button", { name: "Compare with the model" }).click(),
@@ -242,19 +288,24 @@ async function sendRecording(context, event) {
   check(await page.locator("#over-time canvas").first().isVisible(), "with the model beside it");
   await page.screenshot({ path: join(shots, "recording.png"), fullPage: true });
   const [origin, cookie] = [address, (await context.cookies()).map((c) => `${c.name}=${c.value}`).join("; ")];
-  const huge = new FormData();
-  huge.append("csrf", "");
-  huge.append("files", new Blob([new Uint8Array(17 * 1024 * 1024)]), "huge.csv");
-  // The service answers and closes before it has read all: the answer may be lost with the connection.
-  const refused = await fetch(address + of("recordings"), { method: "POST", body: huge, headers: { origin, cookie } }).then((answer) => answer.status, () => "cut off");
-  check([413, "cut off"].includes(refused), `17 MiB are refused: ${refused}`);
+  const huge = Buffer.alloc(17 * 1024 * 1024, "0");
+  check((await post(of("recordings"), form({ "huge.csv": huge }), { origin, cookie })).status === 413, "17 MiB are refused to a program that sends all before it reads");
+  // The page says so before anything is sent; a browser that sends it nevertheless sees why it was refused.
+  await page.goto(address + of("recordings"));
+  await page.getByLabel("Recording", { exact: true }).setInputFiles({ name: "huge.csv", mimeType: "text/csv", buffer: huge });
+  check(await page.getByLabel("Recording", { exact: true }).evaluate((field) => field.validationMessage.includes("16 MiB")), "files that are too large are told of before they are sent");
+  await page.getByLabel("Recording", { exact: true }).evaluate((field) => { field.form.noValidate = true; });
+  const [told] = await Promise.all([
+    page.waitForResponse((answer) => answer.request().method() === "POST"),
+    page.getByRole("button", { name: "Compare with the model" }).click(),
+  ]);
+  await page.waitForLoadState("load");
+  check(told.status() === 413 && (await page.locator("main").innerText()).includes("16 MiB"), `the browser sees why 17 MiB are refused: ${told.status()}`);
   const kept = (await json(of("recordings.json"))).recordings.map((recording) => recording.file);
   check(kept.length === 1 && kept[0] === "mine.cff", `only what was read is kept: ${kept.join(", ")}`);
-  const small = new FormData();
-  small.append("csrf", "");
-  small.append("files", new Blob(["time_s"]), "small.csv");
+  const small = form({ "small.csv": Buffer.from("time_s") });
   for (const [headers, who] of [[{ origin }, "a stranger's recording"], [{ origin: "http://evil.example", cookie }, "a recording sent by another site"], [{ origin, cookie }, "a recording without the form's word"]]) {
-    const { status } = await fetch(address + of("recordings"), { method: "POST", body: small, headers });
+    const { status } = await post(of("recordings"), small, headers);
     check(status === 403, `${who} is refused with ${status} of 403`);
   }
   await page.close();
@@ -283,7 +334,8 @@ try {
     sites: "/sites", events: of("events"), event: of(`events/${event}`),
     compare: of(`compare?event=${events[0].event.event}&event=${events[1].event.event}`),
     diagnosis: of("diagnosis"), structure: of("structure"), solutions: of("solutions"), sets: of("sets"), set: of("sets/1"), recordings: of("recordings"),
-    health: "/health", session: "/session",
+    streams: "/streams", health: "/health", session: "/session",
+    refused: of("events/nothing"),
   };
   await refusals(event);
   await everyScreen(paths);

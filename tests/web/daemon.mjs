@@ -49,6 +49,9 @@ export async function start(program, place) {
   execFileSync(program, ["generate", "--site", site, "--out", place, "--seed", "3", "--effect", effect,
     "--events", "6", "--rate", "30", "--duration", "5", "--no-bad-samples"], { stdio: "ignore" });
   const daemon = spawn(program, ["run", "--config", join(place, "daemon.toml")], { stdio: ["ignore", "ignore", "pipe"] });
+  // However this process ends, the daemon does not outlive it.
+  process.on("exit", () => daemon.kill("SIGKILL"));
+  for (const signal of ["SIGTERM", "SIGINT"]) process.on(signal, () => process.exit(1));
   const log = [];
   const ready = await new Promise((resolve, reject) => {
     daemon.on("exit", (code) => reject(new Error(`the daemon ended with ${code}:\n${log.join("\n")}`)));

@@ -2,10 +2,15 @@
 
 use std::{
     fmt,
-    sync::atomic::{AtomicBool, AtomicI64, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicI64, Ordering},
+    },
 };
 
 use serde::Serialize;
+
+use super::WorkBoard;
 
 /// A loop without a step for so long is dead, nanoseconds. The loop ticks several times a second.
 const STALLED_NS: i64 = 5_000_000_000;
@@ -17,6 +22,7 @@ pub struct Health {
     zenoh_open: AtomicBool,
     store_answers: AtomicBool,
     stopping: AtomicBool,
+    work: Arc<WorkBoard>,
 }
 
 impl fmt::Debug for Health {
@@ -58,7 +64,13 @@ impl Health {
             zenoh_open: AtomicBool::new(false),
             store_answers: AtomicBool::new(false),
             stopping: AtomicBool::new(false),
+            work: Arc::default(),
         }
+    }
+
+    /// The jobs under way.
+    pub const fn work(&self) -> &Arc<WorkBoard> {
+        &self.work
     }
 
     /// The loop has made a step.

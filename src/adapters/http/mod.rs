@@ -5,10 +5,12 @@ mod actions;
 mod api;
 pub mod client;
 mod documents;
+mod draining;
 pub mod health;
 pub mod options;
 pub mod server;
 pub(in crate::adapters) mod token;
+pub mod work;
 
 pub use actions::{Actions, Change, Refusal};
 pub use documents::{
@@ -19,3 +21,4 @@ pub use health::{Health, HealthReport};
 pub use options::{HttpOptions, TokenSource};
 pub use server::{Context, bind, serve};
 pub use token::{Token, TokenError};
+pub use work::{Ongoing, Reporter, Stage, WorkBoard};

@@ -12,7 +12,7 @@ use axum::{
 };
 use tokio::net::TcpListener;
 
-use super::{Actions, Health, actions, api};
+use super::{Actions, Health, actions, api, draining::drained};
 use crate::{
     adapters::{prometheus, store::Store, web},
     telemetry::Metrics,
@@ -71,6 +71,7 @@ fn router(context: Arc<Context>) -> Router {
         .merge(actions::routes())
         .with_state(Arc::clone(&context))
         .merge(web::router(context))
+        .layer(middleware::from_fn(drained))
         .layer(middleware::from_fn(with_headers))
 }
 

@@ -112,6 +112,7 @@ fn candidate(effect: &str, delta_bic: Option<f64>, declared: bool) -> Candidate 
             identifiable: true,
             interval: None,
         }],
+        model: None,
         declared,
         refused: if declared { Vec::new() } else { refused },
     }
@@ -164,6 +165,7 @@ pub(crate) fn diagnosis() -> Diagnosis {
             }],
             effect_file: Some("dp = \"a*v\"\n".to_owned()),
         }),
+        model: None,
         cost: DiagnosisCost::default(),
     }
 }

@@ -10,7 +10,8 @@ use crate::{
     diagnosis::{EventFailure, where_it_fails::failure},
     disturbance::Window,
     identification::{
-        self, Comparison, IdentificationOptions, ParameterSet, evaluate::Curves, intake::prepare,
+        self, Comparison, FittedStructure, IdentificationError, IdentificationOptions,
+        ParameterSet, evaluate::Curves, intake::prepare,
     },
     measurement::Site,
 };
@@ -41,7 +42,7 @@ pub(super) struct Judged {
     pub(super) failure: Option<EventFailure>,
 }
 
-/// Event and content hash of the set.
+/// Event and model: the content hash of a set, or the name of what is none.
 type Key = (String, String);
 
 impl Desk {
@@ -75,13 +76,38 @@ impl Desk {
         content_hash: &str,
         window: &Window,
     ) -> Result<Arc<Judged>, Problem> {
-        let key = (window.id.clone(), content_hash.to_owned());
+        self.judged(content_hash, window, |window, options| {
+            identification::compare(set, window, options)
+        })
+    }
+
+    /// A structure with values on the window; `name` tells it from every other model of the site.
+    pub(super) fn comparison_of_fitted(
+        &self,
+        fitted: &FittedStructure,
+        name: &str,
+        window: &Window,
+    ) -> Result<Arc<Judged>, Problem> {
+        self.judged(name, window, |window, options| {
+            identification::compare_fitted(fitted, window, options)
+        })
+    }
+
+    fn judged(
+        &self,
+        model: &str,
+        window: &Window,
+        compare: impl FnOnce(
+            &[Window],
+            &IdentificationOptions,
+        ) -> Result<Vec<Comparison>, IdentificationError>,
+    ) -> Result<Arc<Judged>, Problem> {
+        let key = (window.id.clone(), model.to_owned());
         if let Some(known) = self.known_comparison(&key) {
             return Ok(known);
         }
         let options = IdentificationOptions::default();
-        let made = identification::compare(set, std::slice::from_ref(window), &options);
-        let comparison = made
+        let comparison = compare(std::slice::from_ref(window), &options)
             .map_err(|error| Problem::bad_request(error.to_string()))?
             .pop()
             .ok_or_else(|| Problem::bad_request("the model cannot be simulated on this event"))?;

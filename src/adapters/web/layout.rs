@@ -2,6 +2,7 @@
 
 use axum::http::Uri;
 use maud::{DOCTYPE, Markup, html};
+use serde::Serialize;
 
 use super::{
     assets,
@@ -41,6 +42,35 @@ impl Tab {
 pub(super) struct SiteHead {
     pub(super) site: Site,
     pub(super) in_force: Option<(StoredSet, ParameterSet)>,
+    /// What is being computed for it.
+    pub(super) work: Vec<Progress>,
+}
+
+/// A job under way, for reading.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(super) struct Progress {
+    /// What it is at.
+    pub(super) text: String,
+    /// Share of its present round that is done, where that is known.
+    pub(super) share: Option<f64>,
+}
+
+impl Progress {
+    /// The jobs of a site, or all.
+    pub(super) fn of(desk: &Desk, site: Option<&str>) -> Vec<Self> {
+        let health = &desk.context.health;
+        let now_ns = health.now_ns();
+        let jobs = health.work().ongoing(site);
+        let progress = jobs.iter().map(|job| Self {
+            text: words::ongoing(job, now_ns),
+            share: job
+                .stage
+                .as_ref()
+                .filter(|stage| stage.of > 1)
+                .map(|stage| stage.done as f64 / stage.of as f64),
+        });
+        progress.collect()
+    }
 }
 
 impl SiteHead {
@@ -55,7 +85,11 @@ impl SiteHead {
             }
             None => None,
         };
-        Ok(Self { site, in_force })
+        Ok(Self {
+            work: Progress::of(desk, Some(name)),
+            site,
+            in_force,
+        })
     }
 
     /// Address of one of the site's pages.
@@ -158,11 +192,21 @@ fn site_head(head: &SiteHead, tab: Tab) -> Markup {
                 (number::short(site.nominal_hz)) " Hz"
             }
             (in_force(head))
+            (under_way(&head.work))
             nav.tabs aria-label="Pages of this site" {
                 @for (which, path, name) in Tab::ALL {
                     a href=(head.address(path)) aria-current=[(which == tab).then_some("page")] { (name) }
                 }
             }
+        }
+    }
+}
+
+/// What is being computed; scripts keep it up to date.
+pub(super) fn under_way(jobs: &[Progress]) -> Markup {
+    html! {
+        div #work .work {
+            @for job in jobs { p { progress aria-label="Under way" value=[job.share] {} " " (job.text) } }
         }
     }
 }

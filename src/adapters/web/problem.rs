@@ -59,7 +59,9 @@ impl Problem {
         }
         let body = html! {
             h1 { (reason) }
-            p.problem { (self.detail) }
+            p.problem { @for (place, part) in self.detail.split('`').enumerate() {
+                @if place % 2 == 1 { code { (part) } } @else { (part) }
+            } }
             p { a href="/" { "All sites" } }
         };
         let page = layout::plain(reason, &body);

@@ -5,7 +5,7 @@ use std::{sync::Arc, time::Duration};
 use axum::{
     Router,
     extract::{DefaultBodyLimit, Request, State},
-    http::{StatusCode, Uri},
+    http::{StatusCode, Uri, header},
     middleware::{self, Next},
     response::{IntoResponse, Redirect, Response},
     routing::{MethodRouter, get, post},
@@ -30,6 +30,9 @@ const PAGE_LIMIT: Duration = Duration::from_secs(30);
 /// Bytes of a request's body at most.
 const BODY_BYTES_MAX: usize = 64 * 1024;
 
+/// Bytes of a refusal of the framework looked at.
+const REFUSAL_BYTES_MAX: usize = 4096;
+
 pub(super) type Pages = Router<Arc<Desk>>;
 
 /// Every page.
@@ -44,6 +47,7 @@ pub(in crate::adapters) fn router(context: Arc<Context>) -> Router {
         .route("/static/{mark}/{name}", get(assets::serve))
         .fallback(unknown)
         .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
+        .layer(middleware::from_fn(in_words))
         .with_state(desk)
 }
 
@@ -116,6 +120,32 @@ async fn site(
 async fn unknown(uri: Uri) -> Response {
     let (_, form) = Form::of(uri.path());
     Problem::not_found(format!("there is nothing at {}", uri.path())).answer(form)
+}
+
+/// A refusal that the framework words by itself becomes a page, or JSON where that was asked for.
+async fn in_words(request: Request, next: Next) -> Response {
+    let (_, form) = Form::of(request.uri().path());
+    let method = request.method().clone();
+    let response = next.run(request).await;
+    let status = response.status();
+    let content_type = response.headers().get(header::CONTENT_TYPE);
+    let is_page = content_type.is_some_and(|kind| !kind.as_bytes().starts_with(b"text/plain"));
+    if is_page || !(status.is_client_error() || status.is_server_error()) {
+        return response;
+    }
+    let allow = response.headers().get(header::ALLOW).cloned();
+    let words = axum::body::to_bytes(response.into_body(), REFUSAL_BYTES_MAX).await;
+    let words = words.unwrap_or_default();
+    let detail = match status {
+        StatusCode::PAYLOAD_TOO_LARGE => "what was sent is larger than this form may be".to_owned(),
+        StatusCode::METHOD_NOT_ALLOWED => format!("nothing can be done here with {method}"),
+        _ => String::from_utf8_lossy(&words).into_owned(),
+    };
+    let mut answer = Problem { status, detail }.answer(form);
+    if let Some(allow) = allow {
+        answer.headers_mut().insert(header::ALLOW, allow);
+    }
+    answer
 }
 
 async fn within_limit(request: Request, next: Next) -> Response {

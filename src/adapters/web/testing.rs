@@ -100,10 +100,29 @@ impl Server {
         body: &str,
     ) -> Answer {
         let mut stream = TcpStream::connect(self.address).await.unwrap();
+        let request = self.head(method, path, headers, body.len()) + body;
+        stream.write_all(request.as_bytes()).await.unwrap();
+        Self::answer(stream, path).await
+    }
+
+    /// Says that a body of so many bytes is to come and reads the answer without sending it.
+    pub(super) async fn announce(
+        &self,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        bytes: usize,
+    ) -> Answer {
+        let mut stream = TcpStream::connect(self.address).await.unwrap();
+        let request = self.head(method, path, headers, bytes);
+        stream.write_all(request.as_bytes()).await.unwrap();
+        Self::answer(stream, path).await
+    }
+
+    fn head(&self, method: &str, path: &str, headers: &[(&str, &str)], bytes: usize) -> String {
         let mut request = format!(
-            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {}\r\n",
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\nContent-Length: {bytes}\r\n",
             self.address,
-            body.len()
         );
         for (name, value) in headers {
             for part in [*name, ": ", *value, "\r\n"] {
@@ -111,16 +130,17 @@ impl Server {
             }
         }
         request.push_str("\r\n");
-        request.push_str(body);
-        stream.write_all(request.as_bytes()).await.unwrap();
+        request
+    }
+
+    async fn answer(mut stream: TcpStream, path: &str) -> Answer {
         let mut bytes = Vec::new();
         if path.ends_with("/updates") {
             let mut first = [0; 4096];
             let count = stream.read(&mut first).await.unwrap();
             bytes.extend_from_slice(&first[..count]);
         } else {
-            // A body that was refused may be cut off by a reset after the answer.
-            stream.read_to_end(&mut bytes).await.ok();
+            stream.read_to_end(&mut bytes).await.unwrap();
         }
         let text = String::from_utf8_lossy(&bytes).into_owned();
         let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));

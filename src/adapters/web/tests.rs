@@ -201,11 +201,53 @@ async fn a_form_needs_the_token_the_origin_and_its_word() {
 #[tokio::test]
 async fn a_huge_form_is_refused() {
     let server = Server::start().await;
-    let body = format!("token={}", "x".repeat(100_000));
+    // More than what sockets hold: the client sends all of it before it reads.
+    let body = format!("token={}", "x".repeat(20_000_000));
     let origin = server.origin();
     let headers = [FORM, ("Origin", origin.as_str())];
     let answer = server.ask("POST", "/session", &headers, &body).await;
     assert_eq!(answer.status, 413, "{}", answer.body);
+    assert!(
+        answer.body.contains("larger than this form"),
+        "{}",
+        answer.body
+    );
+}
+
+#[tokio::test]
+async fn who_asks_before_sending_is_refused_without_sending() {
+    let server = Server::start().await;
+    let origin = server.origin();
+    let headers = [
+        ("Content-Type", "multipart/form-data; boundary=b"),
+        ("Origin", origin.as_str()),
+        ("Expect", "100-continue"),
+    ];
+    let path = "/sites/site-01/recordings";
+    let answer = server.announce("POST", path, &headers, 20_000_000).await;
+    assert_eq!(answer.status, 403, "{}", answer.head);
+}
+
+#[tokio::test]
+async fn what_the_framework_refuses_is_a_page_too() {
+    let server = Server::start().await;
+    let origin = server.origin();
+    let own = ("Origin", origin.as_str());
+    for (method, path, headers, status) in [
+        ("POST", "/sites/site-01/events", &[own][..], 405),
+        ("POST", "/session", &[own], 415),
+        ("POST", "/session", &[FORM, own], 422),
+        ("GET", "/sites/%ff/events", &[], 400),
+    ] {
+        let answer = server.ask(method, path, headers, "a=b").await;
+        assert_eq!(answer.status, status, "{method} {path}: {}", answer.body);
+        assert!(
+            answer.head.to_lowercase().contains("text/html"),
+            "{}",
+            answer.head
+        );
+        assert!(answer.body.contains("class=\"problem\""), "{}", answer.body);
+    }
 }
 
 #[tokio::test]
@@ -214,5 +256,10 @@ async fn updates_tell_what_is_newest() {
     let answer = server.get("/sites/site-01/updates").await;
     assert_eq!(answer.status, 200);
     assert!(answer.head.contains("text/event-stream"), "{}", answer.head);
+    assert!(
+        answer.body.contains("event: work\ndata: []"),
+        "{}",
+        answer.body
+    );
     assert_eq!(server.get("/sites/nowhere/updates").await.status, 404);
 }

@@ -1,4 +1,4 @@
-//! Live updates: a page learns that something about its site has changed, and says so.
+//! Live updates: a page learns that something about its site has changed, and how far the jobs are.
 
 use std::{sync::Arc, time::Duration};
 
@@ -12,7 +12,7 @@ use serde_json::json;
 use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
 use tokio_util::io::ReaderStream;
 
-use super::{desk::Desk, problem::Problem, view::Form};
+use super::{desk::Desk, layout::Progress, problem::Problem, view::Form};
 use crate::adapters::store::{JobKind, WindowQuery};
 
 /// Time between two looks at the store.
@@ -22,7 +22,8 @@ const QUIET_LOOKS_MAX: u32 = 15;
 /// Bytes that wait for a slow reader; beyond them the sender waits, and nothing else does.
 const BUFFER_BYTES: usize = 4096;
 
-/// `/sites/{site}/updates`: server-sent events. Each `change` carries what is newest, as JSON.
+/// `/sites/{site}/updates`: server-sent events. Each `change` carries what is newest, each `work` the
+/// jobs under way, as JSON.
 pub(super) async fn stream(State(desk): State<Arc<Desk>>, Path(site): Path<String>) -> Response {
     start(desk, Some(site)).await
 }
@@ -53,25 +54,42 @@ async fn start(desk: Arc<Desk>, site: Option<String>) -> Response {
 
 /// Ends when the reader has gone: then writing fails.
 async fn tell(desk: &Arc<Desk>, site: Option<&str>, mut writer: DuplexStream) {
-    let (mut told, mut quiet) = (String::new(), 0);
+    let (mut told, mut told_work, mut quiet) = (String::new(), String::new(), 0);
     while !desk.context.health.report().stopping {
         let news = look(desk, site).await.unwrap_or_default();
-        let words = if news != told && !news.is_empty() {
-            quiet = 0;
+        let work = site.map_or_else(|| told_work.clone(), |site| work(desk, site));
+        let mut words = String::new();
+        if work != told_work {
+            words.push_str(&event("work", &work));
+            told_work = work;
+        }
+        if news != told && !news.is_empty() {
+            words.push_str(&event("change", &news));
             told.clone_from(&news);
-            format!("event: change\ndata: {news}\n\n")
+        }
+        if !words.is_empty() {
+            quiet = 0;
         } else if quiet >= QUIET_LOOKS_MAX {
             quiet = 0;
-            ": nothing new\n\n".to_owned()
+            ": nothing new\n\n".clone_into(&mut words);
         } else {
             quiet += 1;
-            String::new()
-        };
+        }
         if writer.write_all(words.as_bytes()).await.is_err() {
             return;
         }
         tokio::time::sleep(LOOK_PERIOD).await;
     }
+}
+
+/// A server-sent event; `data` is one line.
+fn event(name: &str, data: &str) -> String {
+    format!("event: {name}\ndata: {data}\n\n")
+}
+
+/// What is being computed for a site and how far it is, as one line of JSON.
+fn work(desk: &Desk, site: &str) -> String {
+    json!(Progress::of(desk, Some(site))).to_string()
 }
 
 /// What is newest of a site or of all, as one line of JSON.

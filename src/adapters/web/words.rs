@@ -1,7 +1,8 @@
 //! How pages say things.
 
+use super::acting;
 use crate::{
-    adapters::wire::v1::rfc3339,
+    adapters::{http::Ongoing, store::JobKind, wire::v1::rfc3339},
     disturbance::{Closing, Trigger},
     load_model::effects,
 };
@@ -32,6 +33,46 @@ pub(super) fn readable(sentence: &str) -> String {
         .fold(sentence.to_owned(), |text, name| {
             text.replace(name, &effect(name))
         })
+}
+
+/// Who changed something.
+pub(super) fn actor(actor: &str) -> &str {
+    if actor == acting::ACTOR {
+        "a reader of the page"
+    } else {
+        actor
+    }
+}
+
+/// A parameter without what stands before it and behind it: its effect and its unit.
+pub(super) fn parameter(name: &str, unit: &str) -> String {
+    let name = name.rsplit('.').next().unwrap_or(name);
+    let bare = name
+        .strip_suffix(unit)
+        .and_then(|name| name.strip_suffix('_'));
+    bare.unwrap_or(name).replace('_', " ")
+}
+
+/// What a job is at, and for how long.
+pub(super) fn ongoing(job: &Ongoing, now_ns: i64) -> String {
+    let seconds = now_ns.saturating_sub(job.since_ns).max(0) / 1_000_000_000;
+    let model = structure(&job.structure);
+    let what = match job.kind {
+        JobKind::IdentifySite => format!("Fitting {model} to the events of {}", job.site),
+        JobKind::IdentifyEvent => format!("Fitting {model} to event {} alone", job.subject),
+        JobKind::DiagnoseSite => format!("Diagnosing {model} at {}", job.site),
+    };
+    let stage = job.stage.as_ref().map_or_else(String::new, |stage| {
+        let count = match stage.of {
+            0 | 1 => String::new(),
+            of => format!(" ({} of {of})", (stage.done + 1).min(of)),
+        };
+        format!("{}{count}, ", readable(&stage.what))
+    });
+    format!(
+        "{what}: {stage}{} simulations, {seconds} s",
+        job.simulations
+    )
 }
 
 /// A UTC time to the millisecond, for reading.
@@ -76,6 +117,12 @@ mod tests {
     fn a_structure_reads_as_words() {
         let parts = ["zip", "induction_motor"].map(str::to_owned);
         assert_eq!(structure(&parts), "ZIP + induction motor");
+    }
+
+    #[test]
+    fn a_parameter_says_its_unit_once() {
+        assert_eq!(parameter("tap.time_constant_s", "s"), "time constant");
+        assert_eq!(parameter("tap.share", "1"), "share");
     }
 
     #[test]

@@ -175,6 +175,13 @@ impl ComposedModel {
         }
     }
 
+    /// Names of the effects, in the order of the structure.
+    pub fn effect_names(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.effects
+            .iter()
+            .map(|(effect, _)| effect.declaration().name)
+    }
+
     /// The parameters, in order.
     #[must_use]
     pub fn parameters(&self) -> &[ModelParameter] {

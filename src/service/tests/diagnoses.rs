@@ -20,6 +20,7 @@ fn diagnosed() -> Arc<Diagnosed> {
             answer_set: vec!["stator_resistance".to_owned()],
             untestable: Vec::new(),
             unexplained: None,
+            model: None,
             cost: DiagnosisCost::default(),
         },
         inputs_hash: "hash".to_owned(),

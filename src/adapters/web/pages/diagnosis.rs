@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use axum::{
-    extract::{Path, State},
+    extract::{Path, Query, State},
     http::Uri,
     response::Response,
 };
@@ -19,7 +19,9 @@ use super::{
         session::Access,
         view::{self, Form, Page, Table, cell},
     },
-    diagnosis_charts, diagnosis_view,
+    diagnosis_charts,
+    diagnosis_trial::{self, Trial},
+    diagnosis_view,
 };
 use crate::adapters::{
     store::{StoredDiagnosis, StructureRecord},
@@ -33,11 +35,12 @@ const LISTED_MAX: usize = 50;
 pub(in super::super) async fn show(
     State(desk): State<Arc<Desk>>,
     Path(site): Path<String>,
+    Query(asked): Query<diagnosis_trial::Asked>,
     access: Access,
     uri: Uri,
 ) -> Response {
     view::show(desk, uri, move |desk| {
-        DiagnosisPage::load(desk, &site, None, access)
+        DiagnosisPage::load(desk, &site, None, &asked, access)
     })
     .await
 }
@@ -46,12 +49,13 @@ pub(in super::super) async fn show(
 pub(in super::super) async fn show_one(
     State(desk): State<Arc<Desk>>,
     Path((site, version)): Path<(String, String)>,
+    Query(asked): Query<diagnosis_trial::Asked>,
     access: Access,
     uri: Uri,
 ) -> Response {
     let version = Form::of(&version).0.to_owned();
     view::show(desk, uri, move |desk| {
-        DiagnosisPage::load(desk, &site, Some(&version), access)
+        DiagnosisPage::load(desk, &site, Some(&version), &asked, access)
     })
     .await
 }
@@ -65,6 +69,8 @@ pub(super) struct DiagnosisPage {
     pub(super) history: Vec<StoredDiagnosis>,
     /// The structure that is to be fitted now.
     pub(super) wanted: Option<StructureRecord>,
+    /// A candidate drawn before it is added.
+    pub(super) trial: Option<Trial>,
     pub(super) access: Access,
 }
 
@@ -73,6 +79,7 @@ impl DiagnosisPage {
         desk: &Desk,
         site: &str,
         version: Option<&str>,
+        asked: &diagnosis_trial::Asked,
         access: Access,
     ) -> Result<Self, Problem> {
         let head = SiteHead::load(desk, site)?;
@@ -95,12 +102,17 @@ impl DiagnosisPage {
                 .map_err(|e| Problem::unreadable("the diagnosis", &e))?,
             None => None,
         };
+        let trial = match &diagnosis {
+            Some(diagnosis) => diagnosis_trial::load(desk, diagnosis, asked)?,
+            None => None,
+        };
         Ok(Self {
             history: store.diagnoses(site, LISTED_MAX)?,
             wanted: store.structure(site, None)?,
             head,
             stored,
             diagnosis,
+            trial,
             access,
         })
     }
@@ -120,9 +132,12 @@ impl Page for DiagnosisPage {
     }
 
     fn charts(&self) -> Vec<Chart> {
-        self.diagnosis
-            .as_ref()
-            .map_or_else(Vec::new, diagnosis_charts::all)
+        let of_diagnosis = self.diagnosis.as_ref().map(diagnosis_charts::all);
+        let trial = self.trial.as_ref().map(Trial::chart);
+        trial
+            .into_iter()
+            .chain(of_diagnosis.into_iter().flatten())
+            .collect()
     }
 
     /// The document as it was published, and which others there are.
@@ -138,6 +153,7 @@ impl Page for DiagnosisPage {
         Ok(json!({
             "site": self.head.site.name,
             "diagnosis": document,
+            "drawn": self.trial.as_ref().map(Trial::json),
             "versions": self.history.iter().map(|stored| stored.version).collect::<Vec<_>>(),
         }))
     }

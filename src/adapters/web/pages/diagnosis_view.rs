@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::{
     super::{layout::segment, plot, words},
     diagnosis::DiagnosisPage,
-    diagnosis_charts as charts,
+    diagnosis_charts as charts, diagnosis_trial,
 };
 use crate::adapters::{
     report::number,
@@ -52,6 +52,7 @@ pub(super) fn status_chip(status: &str) -> Markup {
 fn details(page: &DiagnosisPage, diagnosis: &DiagnosisV1, source: &str) -> Markup {
     html! {
         (offer(page, diagnosis))
+        @if let Some(trial) = &page.trial { (diagnosis_trial::section(page, diagnosis, trial, source)) }
         @if !diagnosis.reasons.is_empty() {
             h2 { "Why" }
             ul.reasons { @for reason in &diagnosis.reasons { li { (words::readable(reason)) } } }
@@ -165,7 +166,12 @@ fn refitted_line(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
         .map_or_else(String::new, |v| number::significant(v, 3));
     html! {
         tr {
-            th scope="row" { (named(candidate)) }
+            th scope="row" {
+                (named(candidate))
+                @if candidate.model.is_some() {
+                    " " a.quiet href={ "?with=" (segment(&candidate.effect)) "#what-it-does" } aria-label={ "Draw " (words::effect(&candidate.effect)) } { "draw" }
+                }
+            }
             td data-label="Verdict" { (standing(diagnosis, candidate)) }
             td.num.time data-label="Held-out error, × noise" {
                 @if let Some((before, after)) = errors { (before) " → " strong { (after) } }
@@ -175,7 +181,7 @@ fn refitted_line(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
             td.num data-label="Explains of the residual" { (percent(candidate.score_share)) }
             td.num data-label="Visible in these events" { (percent(candidate.visibility)) }
             td.values data-label="Parameters" { @for (name, p) in &candidate.parameters {
-                span.value { (name.rsplit('.').next().unwrap_or(name).replace('_', " ")) " " (number::significant(p.value, 3))
+                span.value { (words::parameter(name, &p.unit)) " " (number::significant(p.value, 3))
                     @if p.unit != "1" { " " (p.unit) } } " "
             } }
         }
@@ -304,7 +310,7 @@ fn untestable(list: &[UntestableV1]) -> Markup {
                     tr {
                         th scope="row" { (words::effect(&effect.effect)) }
                         td data-label="Would have shown from" { @if effect.smallest_detectable_amplitude.is_finite() {
-                            (effect.amplitude.replace('_', " ")) " " (number::significant(effect.smallest_detectable_amplitude, 2)) " " (unit)
+                            (words::parameter(&effect.amplitude, &effect.unit)) " " (number::significant(effect.smallest_detectable_amplitude, 2)) " " (unit)
                         } @else { "nothing would have shown" } }
                         td data-label="Matters from" { (number::significant(effect.meaningful_amplitude, 2)) " " (unit) }
                         td data-label="Needs" { (effect.needs) }

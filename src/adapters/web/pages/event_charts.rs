@@ -117,7 +117,7 @@ fn over_time(page: &EventPage, window: &Window) -> Chart {
         .model
         .as_ref()
         .map_or_else(|| time_of(window), |m| m.comparison().time_s.clone());
-    let backdrop = backdrop(page.model.as_ref());
+    let backdrop = backdrop(page.model.as_ref().map(Drawn::comparison));
     let input = |title: &str, y: Vec<f64>, least: f64| Panel {
         title: title.to_owned(),
         height: 110,
@@ -136,7 +136,12 @@ fn over_time(page: &EventPage, window: &Window) -> Chart {
     for power in Power::BOTH {
         panels.push(power_panel(page, window, power, &backdrop));
         if let Some(model) = &page.model {
-            panels.push(residual_panel(model, page.rival.as_ref(), power, &backdrop));
+            panels.push(residual_panel(
+                named(model),
+                page.rival.as_ref().map(named),
+                power,
+                &backdrop,
+            ));
         }
     }
     let horizontal = (
@@ -191,9 +196,9 @@ fn dashed(name: &str, ink: Ink, y: Vec<f64>) -> Mark {
 }
 
 /// The onset, and strips where samples lie near a voltage edge.
-fn backdrop(model: Option<&Drawn>) -> Vec<Mark> {
+pub(super) fn backdrop(model: Option<&Comparison>) -> Vec<Mark> {
     let mut marks = vec![Mark::Upright { at: 0.0 }];
-    let Some(comparison) = model.map(Drawn::comparison) else {
+    let Some(comparison) = model else {
         return marks;
     };
     let time = &comparison.time_s;
@@ -206,6 +211,7 @@ fn backdrop(model: Option<&Drawn>) -> Vec<Mark> {
         if run > 0 {
             let (from, to) = (time[index], time[index + run - 1]);
             marks.push(Mark::Strip {
+                name: "near an edge, not judged".to_owned(),
                 from,
                 to,
                 ink: Ink::Edge,
@@ -240,8 +246,20 @@ fn power_panel(page: &EventPage, window: &Window, power: Power, backdrop: &[Mark
     }
 }
 
-fn residual_panel(model: &Drawn, rival: Option<&Drawn>, power: Power, backdrop: &[Mark]) -> Panel {
-    let comparison = model.comparison();
+/// A model beside the measurement, and its name in the legend.
+pub(super) type Named<'a> = (&'a str, &'a Comparison);
+
+fn named(drawn: &Drawn) -> Named<'_> {
+    (&drawn.model.label, drawn.comparison())
+}
+
+/// What a model leaves within the band of the noise, beside what another one leaves.
+pub(super) fn residual_panel(
+    (name, comparison): Named<'_>,
+    rival: Option<Named<'_>>,
+    power: Power,
+    backdrop: &[Mark],
+) -> Panel {
     let half: Vec<f64> = power
         .noise(comparison)
         .iter()
@@ -258,12 +276,12 @@ fn residual_panel(model: &Drawn, rival: Option<&Drawn>, power: Power, backdrop: 
         low: half.iter().map(|half| -half).collect(),
         high: half,
     });
-    if let Some(rival) = rival {
-        let y = power.residual(rival.comparison());
+    if let Some((name, comparison)) = rival {
+        let y = power.residual(comparison);
         span.extend(&y);
-        marks.push(dashed(&rival.model.label, Ink::Rival, y));
+        marks.push(dashed(name, Ink::Rival, y));
     }
-    marks.push(line(&model.model.label, Ink::Model, residual));
+    marks.push(line(name, Ink::Model, residual));
     Panel {
         title: format!("{} measured minus model, pu", power.letter()),
         height: 100,

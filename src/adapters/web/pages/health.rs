@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::super::{
     desk::Desk,
-    layout::{SiteHead, Tab, site_address},
+    layout::{Progress, SiteHead, Tab, site_address, under_way},
     problem::Problem,
     view::{self, Page, Table},
     words,
@@ -27,6 +27,8 @@ pub(in super::super) async fn show(State(desk): State<Arc<Desk>>, uri: Uri) -> R
 
 struct HealthPage {
     report: HealthReport,
+    /// What is being computed.
+    work: Vec<Progress>,
     /// None when the store does not answer: the page is needed most then.
     store: Option<(StoreCounts, Vec<Job>)>,
 }
@@ -39,6 +41,7 @@ impl HealthPage {
         let parked = desk.store().parked_jobs(PARKED_MAX);
         Ok(Self {
             report,
+            work: Progress::of(desk, None),
             store: counts.ok().zip(parked.ok()),
         })
     }
@@ -113,6 +116,7 @@ impl Page for HealthPage {
             table.list.narrow { tbody {
                 @for (what, value) in self.numbers() { tr { th scope="row" { (what) } td.num { (value) } } }
             } }
+            (under_way(&self.work))
             @if let Some((_, parked)) = &self.store {
                 @if !parked.is_empty() {
                     h2 { "Fits that failed too often" }
@@ -143,6 +147,7 @@ impl Page for HealthPage {
         Ok(json!({
             "health": self.report,
             "store": numbers.collect::<serde_json::Map<_, _>>(),
+            "under_way": self.work,
             "failed_fits": self.store.iter().flat_map(|(_, parked)| parked).map(|job| json!({
                 "site": job.site, "subject": job.subject, "kind": job.kind.name(), "last_error": job.last_error,
             })).collect::<Vec<_>>(),

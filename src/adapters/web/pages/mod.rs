@@ -3,6 +3,7 @@
 pub(super) mod compare;
 pub(super) mod diagnosis;
 mod diagnosis_charts;
+mod diagnosis_trial;
 mod diagnosis_view;
 pub(super) mod event;
 mod event_charts;
@@ -11,6 +12,7 @@ pub(super) mod events;
 mod failure_charts;
 pub(super) mod health;
 mod models;
+mod overlay;
 pub(super) mod recordings;
 mod set_difference;
 mod set_view;

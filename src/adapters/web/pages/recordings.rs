@@ -7,7 +7,7 @@ use axum::{
         Multipart, Path, Query, State,
         multipart::{MultipartError, MultipartRejection},
     },
-    http::{HeaderMap, Uri},
+    http::{HeaderMap, StatusCode, Uri},
     response::{IntoResponse, Redirect, Response},
 };
 use maud::{Markup, html};
@@ -138,11 +138,13 @@ impl Sent {
     async fn read(mut form: Multipart) -> Result<Self, Problem> {
         let unfit = |error: MultipartError| Problem {
             status: error.status(),
-            detail: format!(
-                "the form cannot be read: {} (files together at most {} MiB)",
-                error.body_text(),
-                FILES_BYTES_MAX / (1024 * 1024)
-            ),
+            detail: match error.status() {
+                StatusCode::PAYLOAD_TOO_LARGE => format!(
+                    "the files are too large: together they may have {} MiB",
+                    FILES_BYTES_MAX / (1024 * 1024)
+                ),
+                _ => format!("the form cannot be read: {}", error.body_text()),
+            },
         };
         let mut sent = Self::default();
         let mut parts = 0;
@@ -202,7 +204,7 @@ impl Recordings {
             @if self.access.may_write {
                 form.filter method="post" action=(address) enctype="multipart/form-data" {
                     input type="hidden" name="csrf" value=(self.access.csrf);
-                    label { "Recording " input type="file" name="files" multiple required accept=".csv,.cff,.cfg,.dat"; }
+                    label { "Recording " input type="file" name="files" multiple required accept=".csv,.cff,.cfg,.dat" data-bytes-max=(FILES_BYTES_MAX); }
                     label { "Load no. " input type="number" name="load" min="1" max="99" placeholder="if several"; }
                     button.main type="submit" { "Compare with the model" }
                 }

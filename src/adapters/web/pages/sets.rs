@@ -355,7 +355,7 @@ impl Sets {
                                 @if let Some(version) = document.version { " version " (version) }
                                 @if document.awaiting_approval { " " span.chip.open { "awaits approval" } (self.answers(document.id)) } }
                             td { (document.reason) }
-                            td { (document.actor) }
+                            td { (words::actor(&document.actor)) }
                         }
                     } }
                 }

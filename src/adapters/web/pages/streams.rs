@@ -143,7 +143,7 @@ impl Page for Streams {
             @if self.rows.is_empty() {
                 p { "Nothing has come in yet." }
             } @else {
-                p { (self.rows.len()) " streams, " (silent.count()) " of them without data now." }
+                p { (self.rows.len()) @if self.rows.len() == 1 { " stream, " } @else { " streams, " } (silent.count()) " of them without data now." }
                 div.scroll tabindex="0" role="region" aria-label="Streams" {
                     table.list {
                         thead { tr {

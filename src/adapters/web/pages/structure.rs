@@ -15,13 +15,14 @@ use serde_json::{Value, json};
 use super::{
     super::{
         acting,
-        desk::{Desk, Judged},
+        desk::Desk,
         layout::{SiteHead, Tab, site_address},
         plot::Chart,
         problem::Problem,
         session::Access,
         view::{self, Page, Table, cell},
     },
+    overlay::Overlay,
     structure_view,
 };
 use crate::{
@@ -110,12 +111,6 @@ impl Stair {
     pub(super) fn held_out(&self) -> Option<&ErrorSummary> {
         self.set.held_out.as_ref()
     }
-}
-
-/// Two steps on one event that neither was fitted on.
-pub(super) struct Overlay {
-    pub(super) before: Arc<Judged>,
-    pub(super) after: Arc<Judged>,
 }
 
 /// What the page is made of.

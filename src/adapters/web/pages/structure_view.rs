@@ -4,13 +4,14 @@ use maud::{Markup, html};
 
 use super::{
     super::{
+        acting,
         layout::verdict,
         plot::{self, Chart, Ink, Mark, Panel, Shape, padded, span_of},
         session::Access,
         words,
     },
-    event_charts::Power,
-    structure::{Overlay, Stair, StructurePage},
+    overlay::{self, Captions, Overlay},
+    structure::{Stair, StructurePage},
 };
 use crate::{
     adapters::report::number,
@@ -75,7 +76,8 @@ fn change(page: &StructurePage) -> Markup {
                 form.filter method="post" action=(address) {
                     input type="hidden" name="csrf" value=(csrf);
                     label { "Add "
-                        select name="add" {
+                        select name="add" required {
+                            @if page.proposed().is_empty() { option value="" { "choose an effect" } }
                             @for (name, title, instrument) in catalogue(&page.wanted) {
                                 option value=(name) selected[page.proposed() == name] { (title) @if instrument { " (instrument)" } }
                             }
@@ -234,52 +236,16 @@ fn steps(page: &StructurePage) -> Markup {
 }
 
 fn before_and_after(overlay: &Overlay) -> Chart {
-    let (before, after) = (&overlay.before.comparison, &overlay.after.comparison);
-    let line = |name: &str, ink, y: &[f64], dashed| Mark::Line {
-        name: name.to_owned(),
-        ink,
-        x: None,
-        y: y.to_vec(),
-        dashed,
-    };
-    let panels = Power::BOTH.map(|power| {
-        let measured = power.measured(after);
-        let span = span_of(
-            measured
-                .iter()
-                .chain(power.model(before))
-                .chain(power.model(after)),
-        );
-        Panel {
-            title: power.title().to_owned(),
-            height: 220,
-            vertical: padded(span, 0.004),
-            logarithmic: false,
-            marks: vec![
-                Mark::Upright { at: 0.0 },
-                line("measured", Ink::Measured, measured, false),
-                line("before", Ink::Rival, power.model(before), true),
-                line("after", Ink::Model, power.model(after), false),
-            ],
-        }
-    });
-    let x = after.time_s.clone();
-    Chart {
-        id: "before-after".to_owned(),
-        title: "Measurement, the model before and the model after".to_owned(),
+    let captions = Captions {
+        title: "Measurement, the model before and the model after",
         description: format!(
             "Active and reactive power of event {}: measured, and as modelled before and after the last change.",
-            after.event
+            overlay.after.comparison.event
         ),
-        horizontal_title: "time from onset, s".to_owned(),
-        horizontal: span_of(&x)
-            .filter(|(low, high)| low < high)
-            .unwrap_or((0.0, 1.0)),
-        names: Vec::new(),
-        x,
-        linked: Some("time"),
-        panels: panels.into(),
-    }
+        before: "before",
+        after: "after",
+    };
+    overlay::chart(overlay, &captions)
 }
 
 fn changes(page: &StructurePage) -> Markup {
@@ -290,7 +256,8 @@ fn changes(page: &StructurePage) -> Markup {
                 thead { tr { th scope="col" { "When, UTC" } th scope="col" { "Structure" } th scope="col" { "By" } th scope="col" { "Why" } } }
                 tbody { @for change in &page.changes { tr {
                     td.time { (words::utc(change.changed_ns)) } td { (words::structure(&change.structure)) }
-                    td { (change.actor) span.dim { ", " (change.origin.name().replace('_', " ")) } } td { (change.comment) }
+                    td { (words::actor(&change.actor))
+                        @if change.actor != acting::ACTOR { span.dim { ", " (change.origin.name().replace('_', " ")) } } } td { (change.comment) }
                 } } }
             }
         }

@@ -79,8 +79,13 @@ fn mark(mark: &Mark) -> Value {
             "kind": "bars", "name": name, "ink": ink.name(), "x": numbers(x), "y": numbers(y),
             "base": number(*base), "half_width": number(*half_width),
         }),
-        Mark::Strip { from, to, ink } => json!({
-            "kind": "strip", "ink": ink.name(), "from": number(*from), "to": number(*to),
+        Mark::Strip {
+            name,
+            from,
+            to,
+            ink,
+        } => json!({
+            "kind": "strip", "name": name, "ink": ink.name(), "from": number(*from), "to": number(*to),
         }),
         Mark::Upright { at } => json!({ "kind": "upright", "at": number(*at) }),
         Mark::Level { name, ink, at } => json!({

@@ -107,7 +107,12 @@ pub(super) enum Mark {
         half_width: f64,
     },
     /// A strip over the panel's whole height.
-    Strip { from: f64, to: f64, ink: Ink },
+    Strip {
+        name: String,
+        from: f64,
+        to: f64,
+        ink: Ink,
+    },
     /// A line over the panel's whole height.
     Upright { at: f64 },
     /// A line over the panel's whole width.
@@ -124,8 +129,9 @@ impl Mark {
             | Self::Points { name, ink, .. }
             | Self::Band { name, ink, .. }
             | Self::Bars { name, ink, .. }
+            | Self::Strip { name, ink, .. }
             | Self::Level { name, ink, .. } => (!name.is_empty()).then_some((name, *ink)),
-            Self::Strip { .. } | Self::Upright { .. } | Self::Label { .. } => None,
+            Self::Upright { .. } | Self::Label { .. } => None,
         }
     }
 

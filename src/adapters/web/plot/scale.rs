@@ -48,9 +48,12 @@ pub(super) fn logarithmic_ticks((low, high): (f64, f64), count: u32) -> Vec<f64>
         values.extend(places.filter(|place| (low..=high).contains(place)));
         power += 1.0;
     }
-    // Within one power there may be too few of them to read the axis by.
-    if values.len() < 2 {
-        ticks((low, high), count).0
+    // Within one power there may be too few of them to read the axis by: round numbers then, whose
+    // places are nearly even on so short a piece.
+    if values.len() < 3 && span < 1.0 {
+        let ends = (10_f64.powf(low), 10_f64.powf(high));
+        let (numbers, _) = ticks(ends, count);
+        numbers.into_iter().map(f64::log10).collect()
     } else {
         values
     }
@@ -112,6 +115,12 @@ mod tests {
         assert_eq!(wide.len(), 4, "1, 10, 100, 1000: {wide:?}");
         let close: Vec<_> = logarithmic_ticks((-0.1, 1.1), 6);
         assert_eq!(close.len(), 4, "1, 2, 5, 10: {close:?}");
+        let narrow = logarithmic_ticks((-0.06, 0.04), 4);
+        let numbers: Vec<_> = narrow
+            .iter()
+            .map(|place| (10_f64.powf(*place) * 100.0).round())
+            .collect();
+        assert_eq!(numbers, [90.0, 95.0, 100.0, 105.0]);
     }
 
     #[test]

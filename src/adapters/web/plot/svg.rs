@@ -301,7 +301,7 @@ fn draw(out: &mut String, frame: &Frame<'_>, mark: &Mark) {
                 );
             }
         }
-        Mark::Strip { from, to, ink } => {
+        Mark::Strip { from, to, ink, .. } => {
             let (left, right) = (frame.x(*from), frame.x(*to));
             add(
                 out,

@@ -18,7 +18,7 @@ function theme() {
 // The page again, without losing the reader's place: its content is replaced unless a form is being filled in.
 async function refresh() {
   const busy = document.activeElement && document.activeElement.closest("form");
-  if (busy || document.querySelector("main input:checked, main details[open]")) return false;
+  if (busy || document.querySelector(".plot[data-pressed]") || document.querySelector("main input:checked, main details[open]")) return false;
   const answer = await fetch(location.href, { headers: { accept: "text/html" } });
   if (!answer.ok) return false;
   const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
@@ -26,6 +26,16 @@ async function refresh() {
   document.title = fresh.title;
   upgrade(document);
   return true;
+}
+
+// How far the jobs of the site are.
+function work(jobs) {
+  const place = document.getElementById("work"); if (!place) return;
+  place.replaceChildren(...jobs.map((job) => {
+    const line = document.createElement("p"), bar = document.createElement("progress");
+    bar.setAttribute("aria-label", "Under way"); if (job.share !== null) bar.value = job.share;
+    line.append(bar, " " + job.text); return line;
+  }));
 }
 
 function live() {
@@ -36,6 +46,7 @@ function live() {
   let first = true;
   source.addEventListener("open", () => { sign.hidden = false; sign.textContent = "live"; sign.classList.remove("old"); });
   source.addEventListener("error", () => { sign.textContent = "not connected"; sign.classList.add("old"); });
+  source.addEventListener("work", (event) => work(JSON.parse(event.data)));
   source.addEventListener("change", async () => {
     if (first) { first = false; return; }
     if (document.querySelector("main [data-keep]") || !(await refresh())) sign.textContent = "news: reload";
@@ -57,7 +68,19 @@ function pairs() {
   });
 }
 
+// Files that are too large are not sent at all: the answer would come after the last byte.
+function sizes() {
+  document.addEventListener("change", (event) => {
+    const field = event.target, most = Number(field.dataset?.bytesMax);
+    if (!most || !field.files) return;
+    const bytes = [...field.files].reduce((sum, file) => sum + file.size, 0);
+    field.setCustomValidity(bytes > most ? `The files are too large: together they may have ${Math.round(most / 1048576)} MiB.` : "");
+    field.reportValidity();
+  });
+}
+
 theme();
+sizes();
 live();
 pairs();
 upgrade(document);

@@ -76,7 +76,7 @@ class Chart {
     }, { passive: false });
     this.canvas.addEventListener("pointerdown", (event) => {
       if (event.pointerType === "touch" || event.button !== 0) return;
-      this.plot.focus({ preventScroll: true }); this.canvas.setPointerCapture(event.pointerId); this.pressed = { from: at(event)[0], shift: event.shiftKey, horizontal: [...this.horizontal] };
+      this.plot.focus({ preventScroll: true }); this.canvas.setPointerCapture(event.pointerId); this.pressed = { from: at(event)[0], shift: event.shiftKey, horizontal: [...this.horizontal] }; this.plot.dataset.pressed = "yes";
     });
     this.canvas.addEventListener("pointermove", (event) => {
       const [x] = at(event);
@@ -85,7 +85,7 @@ class Chart {
       } else for (const chart of this.group()) chart.point(this.value(x), chart === this ? x : null, chart === this && this.pressed ? this.value(this.pressed.from) : null);
     });
     this.canvas.addEventListener("pointerup", (event) => {
-      const pressed = this.pressed; this.pressed = null;
+      const pressed = this.pressed; this.pressed = null; delete this.plot.dataset.pressed;
       if (!pressed || pressed.shift) return;
       const [x] = at(event); if (Math.abs(x - pressed.from) < 6) { this.draw(); return; }
       const ends = [this.value(pressed.from), this.value(x)].sort((a, b) => a - b); this.show(...ends);

@@ -33,7 +33,8 @@ export function logarithmicTicks(low, high, count) {
     const place = power + Math.log10(factor);
     if (place >= low && place <= high) values.push(place);
   }
-  return values.length < 2 ? ticks(low, high, count).values : values;
+  // On a piece of one power round numbers, whose places are nearly even there.
+  return values.length < 3 && span < 1 ? ticks(10 ** low, 10 ** high, count).values.map(Math.log10) : values;
 }
 
 // What stands at a place of a logarithmic axis, without the last digits' rounding.

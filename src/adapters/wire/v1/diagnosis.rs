@@ -14,6 +14,7 @@ use crate::{
         Candidate, Diagnosis, DiagnosisCost, EventSets, StructureErrors, Unexplained,
         UnexplainedTerm, Untestable,
     },
+    identification::FittedStructure,
     load_model::effect::Kind,
 };
 
@@ -58,6 +59,10 @@ pub struct DiagnosisV1 {
     pub untestable: Vec<UntestableV1>,
     /// What no effect of the catalogue explains; null where nothing is left.
     pub unexplained: Option<UnexplainedV1>,
+    /// The fit of the structure judged; null where nothing could be judged, absent in documents of
+    /// earlier programs.
+    #[serde(default)]
+    pub model: Option<FittedStructureV1>,
     /// What it cost.
     pub cost: DiagnosisCostV1,
     /// Version of the program that made the diagnosis.
@@ -116,10 +121,23 @@ pub struct CandidateV1 {
     /// Its parameters after the refit, by name.
     #[serde(with = "ordered")]
     pub parameters: Vec<(String, ParameterV1)>,
+    /// The refit as a whole; null without one, absent in documents of earlier programs.
+    #[serde(default)]
+    pub model: Option<FittedStructureV1>,
     /// Whether it passed every test of a declaration.
     pub declared: bool,
     /// Why it is not declared, with the figure; empty when it is.
     pub refused: Vec<String>,
+}
+
+/// Counterpart of [`FittedStructure`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FittedStructureV1 {
+    /// The parts.
+    pub structure: Vec<String>,
+    /// Every parameter of the model by its name, as the model declares it.
+    #[serde(with = "ordered")]
+    pub values: Vec<(String, f64)>,
 }
 
 /// Counterpart of [`Untestable`].
@@ -201,6 +219,7 @@ impl DiagnosisV1 {
             candidates: all(&diagnosis.candidates),
             untestable: all(&diagnosis.untestable),
             unexplained: diagnosis.unexplained.as_ref().map(UnexplainedV1::from),
+            model: diagnosis.model.as_ref().map(FittedStructureV1::from),
             cost: diagnosis.cost.into(),
             software_version: env!("CARGO_PKG_VERSION").to_owned(),
         }
@@ -285,8 +304,27 @@ impl From<&Candidate> for CandidateV1 {
             group: candidate.group.clone(),
             would_separate: candidate.would_separate.clone(),
             parameters: parameters.map(|p| (p.name.clone(), p.into())).collect(),
+            model: candidate.model.as_ref().map(FittedStructureV1::from),
             declared: candidate.declared,
             refused: candidate.refused.clone(),
+        }
+    }
+}
+
+impl From<&FittedStructure> for FittedStructureV1 {
+    fn from(fitted: &FittedStructure) -> Self {
+        Self {
+            structure: fitted.structure.clone(),
+            values: fitted.values.clone(),
+        }
+    }
+}
+
+impl From<&FittedStructureV1> for FittedStructure {
+    fn from(fitted: &FittedStructureV1) -> Self {
+        Self {
+            structure: fitted.structure.clone(),
+            values: fitted.values.clone(),
         }
     }
 }

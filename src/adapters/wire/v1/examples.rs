@@ -9,8 +9,8 @@ use crate::{
     disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
     identification::{
         Bases, ChannelVerdict, Comparison, Cost, DirectionOutcome, DirectionRecord, ErrorSummary,
-        EventErrors, Identification, OperatingPoint, ParameterEstimate, ParameterSet, Solution,
-        Verdict, VerdictStatus,
+        EventErrors, FittedStructure, Identification, OperatingPoint, ParameterEstimate,
+        ParameterSet, Solution, Verdict, VerdictStatus,
         scan_comparison::{ScanComparison, ScanMinimum},
         solution::Ended,
     },
@@ -321,6 +321,7 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
                 .to_vec(),
             would_separate: "an event that opens the feeder".to_owned(),
             parameters: vec![estimate("stator_resistance.r_s", 0.02)],
+            model: Some(fitted_structure("stator_resistance.r_s")),
             declared: true,
             refused: Vec::new(),
         }],
@@ -345,11 +346,19 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
             }],
             effect_file: None,
         }),
+        model: Some(fitted_structure("T0_prime")),
         cost: DiagnosisCost {
             simulations: 900,
             refits: 6,
             seconds: 2.5,
         },
+    }
+}
+
+fn fitted_structure(name: &str) -> FittedStructure {
+    FittedStructure {
+        structure: ["zip", "induction_motor"].map(str::to_owned).to_vec(),
+        values: vec![(name.to_owned(), 0.02)],
     }
 }
 

@@ -1,0 +1,86 @@
+//! A fitted structure by itself: enough to simulate it again, without errors or verdict.
+
+use super::{
+    IdentificationError,
+    composed::{ComposedFit, ComposedLoad},
+};
+use crate::load_model::{Structure, composed::ComposedModel};
+
+/// A structure with a value for every parameter.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedStructure {
+    /// The parts.
+    pub structure: Vec<String>,
+    /// Every parameter of the model by its name, as the model declares it.
+    pub values: Vec<(String, f64)>,
+}
+
+impl FittedStructure {
+    /// What a fit found.
+    #[must_use]
+    pub fn of(fit: &ComposedFit) -> Self {
+        let mut structure = Structure::zip_im().names();
+        structure.extend(fit.model.effect_names().map(str::to_owned));
+        let parameters = fit.model.parameters().iter().zip(&fit.parameters);
+        let values = parameters.map(|(parameter, value)| (parameter.name.clone(), *value));
+        Self {
+            structure,
+            values: values.collect(),
+        }
+    }
+
+    /// The model.
+    ///
+    /// [`IdentificationError::Structure`] when its parts are not known (any more),
+    /// [`IdentificationError::IncompleteSet`] when a parameter has no value.
+    pub(super) fn load(&self) -> Result<ComposedLoad, IdentificationError> {
+        let structure = Structure::parse(&self.structure)?;
+        let model = ComposedModel::new(&structure);
+        let value = |name: &str| {
+            let found = self.values.iter().find(|(known, _)| known == name);
+            found
+                .map(|(_, value)| *value)
+                .filter(|value| value.is_finite())
+                .ok_or_else(|| IdentificationError::IncompleteSet {
+                    name: name.to_owned(),
+                })
+        };
+        let parameters = model.parameters().iter().map(|p| value(&p.name));
+        let parameters = parameters.collect::<Result<_, _>>()?;
+        Ok(ComposedLoad {
+            structure,
+            model,
+            parameters,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn typical(structure: &[&str]) -> FittedStructure {
+        let parsed = Structure::parse(structure).unwrap();
+        let model = ComposedModel::new(&parsed);
+        let names = model.parameters().iter().map(|p| p.name.clone());
+        FittedStructure {
+            structure: parsed.names(),
+            values: names.zip(model.typical()).collect(),
+        }
+    }
+
+    #[test]
+    fn a_fitted_structure_becomes_its_model_again() {
+        let fitted = typical(&["zip", "induction_motor", "second_motor"]);
+        let load = fitted.load().unwrap();
+        assert_eq!(load.parameters, load.model.typical());
+    }
+
+    #[test]
+    fn a_parameter_without_a_value_is_an_error_with_its_name() {
+        let mut fitted = typical(&["zip", "induction_motor"]);
+        let (name, _) = fitted.values.remove(0);
+        let error = fitted.load().unwrap_err();
+        assert_eq!(error, IdentificationError::IncompleteSet { name });
+    }
+}
