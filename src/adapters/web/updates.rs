@@ -57,7 +57,7 @@ async fn tell(desk: &Arc<Desk>, site: Option<&str>, mut writer: DuplexStream) {
     let (mut told, mut told_work, mut quiet) = (String::new(), String::new(), 0);
     while !desk.context.health.report().stopping {
         let news = look(desk, site).await.unwrap_or_default();
-        let work = site.map_or_else(|| told_work.clone(), |site| work(desk, site));
+        let work = work(desk, site);
         let mut words = String::new();
         if work != told_work {
             words.push_str(&event("work", &work));
@@ -87,9 +87,9 @@ fn event(name: &str, data: &str) -> String {
     format!("event: {name}\ndata: {data}\n\n")
 }
 
-/// What is being computed for a site and how far it is, as one line of JSON.
-fn work(desk: &Desk, site: &str) -> String {
-    json!(Progress::of(desk, Some(site))).to_string()
+/// What is being computed for a site or all and how far it is, as one line of JSON.
+fn work(desk: &Desk, site: Option<&str>) -> String {
+    json!(Progress::of(desk, site)).to_string()
 }
 
 /// What is newest of a site or of all, as one line of JSON.

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::{
     super::{
         desk::Desk,
-        layout::{SiteHead, Tab, site_address, verdict},
+        layout::{Progress, SiteHead, Tab, site_address, under_way, verdict},
         problem::Problem,
         view::{self, Page, Table, cell},
         words,
@@ -43,6 +43,9 @@ struct Row {
 
 struct Sites {
     rows: Vec<Row>,
+    work: Vec<Progress>,
+    /// Jobs that wait for a worker.
+    waiting: u64,
 }
 
 impl Sites {
@@ -71,7 +74,11 @@ impl Sites {
                 site,
             });
         }
-        Ok(Self { rows })
+        Ok(Self {
+            rows,
+            work: Progress::of(desk, None),
+            waiting: store.counts(desk.context.health.now_ns())?.jobs_queued,
+        })
     }
 }
 
@@ -131,6 +138,10 @@ impl Page for Sites {
                         } }
                         tbody { @for row in &self.rows { (line(row)) } }
                     }
+                }
+                (under_way(&self.work))
+                @if self.waiting > 0 {
+                    p.note { (self.waiting) @if self.waiting == 1 { " more fit or diagnosis waits." } @else { " more fits and diagnoses wait." } }
                 }
                 p.note {
                     "Errors are those on events the model has not seen, of the set in force or else of the newest fit. Error over noise is 1 where a model "

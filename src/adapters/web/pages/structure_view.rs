@@ -25,8 +25,7 @@ pub(super) fn body(page: &StructurePage, source: &str) -> Markup {
         p.lead { "The model is " strong { (words::structure(&page.wanted)) } "." }
         @if page.awaited() {
             p.done role="status" {
-                "A fit with this structure is under way or queued; this page shows it as soon as it is there. "
-                progress aria-label="Fit under way" {}
+                "A fit with this structure is under way or queued; this page shows it as soon as it is there."
             }
         }
         (change(page))
