@@ -95,6 +95,14 @@ fn windows(site: &Site, made: &SyntheticSite) -> Vec<Window> {
         .collect()
 }
 
+/// The hidden effects' parameters, by name.
+fn parameters(made: &SyntheticSite) -> BTreeMap<&'static str, f64> {
+    let hidden = made.options.effects.iter();
+    hidden
+        .flat_map(|h| h.values().map(|(p, value)| (p.name, value)))
+        .collect()
+}
+
 #[derive(Default)]
 struct Row {
     sites: u32,
@@ -185,7 +193,7 @@ fn main() {
             let line = json!({
                 "truth": truth, "number": number, "status": found.status.name(), "answer": answer,
                 "baseline": baseline, "seconds": seconds, "candidates": top, "reasons": found.reasons,
-                "visible": visible,
+                "visible": visible, "parameters": parameters(&made),
             });
             writeln!(file, "{line}").unwrap();
         }

@@ -9,11 +9,11 @@ use crate::{
     disturbance::Window,
     identification::{
         ErrorSummary, FittedSite, Identification, IdentificationError,
-        composed::{self, Baseline, ComposedFit, ComposedLoad},
+        composed::{self, Baseline, ComposedFit, ComposedFitOptions, ComposedLoad},
         conclude,
         edge_timing::align,
         evaluate::{Curves, EventModel, StaticModel, errors},
-        fit::Fit,
+        fit::{Fit, SearchOptions},
         fit_aligned,
         intake::PreparedEvent,
         joint_problem::ProblemOptions,
@@ -22,6 +22,10 @@ use crate::{
     load_model::{Structure, composed::SimulationError},
     measurement::Site,
 };
+
+/// ZIP and motor that leave more than this (weighted squares per row) are a start of larger models and
+/// nothing else; their other local solutions are no better ones.
+const EXPLORED_BELOW_PER_ROW: f64 = 10.0;
 
 /// Whoever waits for a diagnosis.
 #[derive(Clone, Copy)]
@@ -86,8 +90,11 @@ impl<'a> Case<'a> {
         }
         watcher.says("fitting ZIP and motor".to_owned(), 0, 1);
         let problem = options.identification.problem;
-        let search = &options.identification.search;
-        let (found, judged) = fit_aligned(judged, problem, search, watcher.cancel)?;
+        let search = SearchOptions {
+            explored_below_per_row: EXPLORED_BELOW_PER_ROW,
+            ..options.identification.search
+        };
+        let (found, judged) = fit_aligned(judged, problem, &search, watcher.cancel)?;
         Ok(Self {
             site,
             options,
@@ -198,19 +205,19 @@ impl<'a> Case<'a> {
 
     /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
     /// been fitted. `None` when it cannot be simulated there.
-    fn without_gate(&self, fit: &ComposedFit) -> Option<ComposedFit> {
+    fn without_gate(&self, fit: &ComposedFit, options: &ComposedFitOptions) -> Option<ComposedFit> {
         composed::fit(
             &self.part(false),
             &fit.model,
             &fit.parameters,
             &fit.free,
-            &self.options.composed,
+            options,
             self.watcher.cancel,
         )
     }
 
-    /// Weighted squares per row of the gating events, which the fit that is judged has not seen,
-    /// composition of each event free to vary; infinite when they cannot be simulated. `None` without
+    /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely
+    /// fitted: it begins where all events together led), composition of each event free to vary; infinite when they cannot be simulated. `None` without
     /// such events.
     pub(super) fn gate_misfit(&self, fit: &ComposedFit) -> Option<f64> {
         if !self.has_gate() {
@@ -219,10 +226,9 @@ impl<'a> Case<'a> {
         let gate = self.part(true);
         let scatter = &self.options.composed.scatter;
         let squares = self
-            .without_gate(fit)
+            .without_gate(fit, &self.options.composed.coarse())
             .and_then(|fit| composed::squares(&gate, &fit.model, &fit.parameters, scatter));
-        let used = |e: &PreparedEvent| 2 * e.used.iter().filter(|u| **u).count();
-        let rows: usize = gate.iter().map(used).sum();
+        let rows: usize = gate.iter().map(PreparedEvent::rows).sum();
         Some(squares.map_or(f64::INFINITY, |s| {
             s.iter().sum::<f64>() / rows.max(1) as f64
         }))
@@ -247,7 +253,9 @@ impl<'a> Case<'a> {
                 untouched,
             });
         }
-        let training = self.without_gate(fit).ok_or_else(|| self.failed())?;
+        let training = self
+            .without_gate(fit, &self.options.composed)
+            .ok_or_else(|| self.failed())?;
         let model = load(structure, &training);
         Ok(StructureErrors {
             fit: self
@@ -299,7 +307,9 @@ impl<'a> Case<'a> {
         fit: &ComposedFit,
     ) -> Result<Identification, IdentificationError> {
         let (fitted, held, fit) = if self.untouched.is_empty() && self.has_gate() {
-            let training = self.without_gate(fit).ok_or_else(|| self.failed())?;
+            let training = self
+                .without_gate(fit, &self.options.composed)
+                .ok_or_else(|| self.failed())?;
             (self.part(false), self.part(true), training)
         } else {
             (self.judged.clone(), self.untouched.clone(), fit.clone())

@@ -41,13 +41,23 @@ impl Evidence {
     /// Whether the model follows the events, the held-out ones too, as well as the noise allows
     /// already.
     fn at_floor(&self, options: &ClaimOptions) -> bool {
-        let adequate = |g: GateEvidence| g.before < ADEQUATE_FLOORS * options.floor;
+        let adequate = |g: GateEvidence| is_adequate(g.before, options);
         self.chi_square_before <= options.floor && self.gate.is_none_or(adequate)
+    }
+
+    /// Whether the held-out events have nothing to show: they are followed already, while the fitted ones
+    /// are far from it. What has a threshold may not have operated in any of them.
+    fn gate_is_silent(&self, gate: GateEvidence, options: &ClaimOptions) -> bool {
+        !is_adequate(self.chi_square_before, options) && is_adequate(gate.before, options)
     }
 }
 
 /// A model that leaves less than this many times the floor is adequate.
 pub(super) const ADEQUATE_FLOORS: f64 = 2.0;
+
+fn is_adequate(chi_square: f64, options: &ClaimOptions) -> bool {
+    chi_square < ADEQUATE_FLOORS * options.floor
+}
 
 /// Share by which a value falls. What cannot be simulated has an infinite misfit.
 fn fall(before: f64, after: f64) -> f64 {
@@ -109,7 +119,14 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
     if let Some(gate) = evidence.gate {
         let held_out = fall(gate.before, gate.after);
         let needed = needed_held_out_fall(evidence, options);
-        if held_out < needed {
+        if evidence.gate_is_silent(gate, options) {
+            if !is_adequate(gate.after, options) {
+                list.push(format!(
+                    "the held-out events, followed without it ({:.2} per sample), are not with it ({:.2})",
+                    gate.before, gate.after
+                ));
+            }
+        } else if held_out < needed {
             list.push(format!(
                 "the misfit of the held-out events falls by {:.1} %; a claim needs {:.0} %",
                 100.0 * held_out,
@@ -247,6 +264,25 @@ mod tests {
         });
         let elsewhere = Evidence { gate, ..small };
         assert!(objections(&elsewhere, &options).is_empty());
+    }
+
+    #[test]
+    fn held_out_events_in_which_nothing_operates_need_only_stay_followed() {
+        let options = ClaimOptions::default();
+        let gate = |after| Evidence {
+            gate: Some(GateEvidence { before: 0.6, after }),
+            ..evidence(-5000.0, 0.8, true)
+        };
+        assert!(objections(&gate(0.9), &options).is_empty());
+        assert!(objections(&gate(1.6), &options)[0].contains("are not with it (1.60)"));
+        assert_eq!(objections(&gate(f64::INFINITY), &options).len(), 1);
+        // Where the fitted events are followed as well, they must fall.
+        let near = Evidence {
+            chi_square_before: 1.2,
+            chi_square_after: 1.0,
+            ..gate(0.7)
+        };
+        assert!(objections(&near, &options)[0].contains("held-out"));
     }
 
     #[test]

@@ -76,7 +76,7 @@ impl Default for ClaimOptions {
             fall_min: 0.05,
             fall_min_at_floor: 0.10,
             distinct_runner_up: 0.6,
-            distinct_fall_min: 0.05,
+            distinct_fall_min: 0.03,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
             delta_bic_near: 10.0,

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     identification::{
         IdentificationError, ParameterEstimate,
-        composed::{self, Baseline, ComposedFit, Score},
+        composed::{self, Baseline, ComposedFit, Ground, Score, Screened},
         composed_parameters,
     },
     load_model::{
@@ -81,7 +81,9 @@ pub(super) fn trials(
     base: &Fitted,
     names: &[&'static str],
 ) -> Result<Vec<Trial>, IdentificationError> {
-    let mut list = screened(case, base, names)?;
+    let options = &case.options.composed;
+    let ground = (base.baseline).ground(&case.judged, options, case.watcher.cancel);
+    let (mut list, screens) = screened(case, base, &ground, names)?;
     let rows = base.baseline.all.rows as f64;
     let needed = HOPELESS_SHARE * case.options.claim.fall_min;
     let worth = |t: &Trial| t.score.gain > HOPELESS_GAIN * rows.ln() && t.score_share >= needed;
@@ -90,21 +92,12 @@ pub(super) fn trials(
         .filter(|t| worth(t))
         .count()
         .min(case.options.refits_max);
-    for (done, trial) in list
-        .iter_mut()
-        .filter(|t| worth(t))
-        .take(refits)
-        .enumerate()
-    {
+    let both = list.iter_mut().zip(&screens).filter(|(t, _)| worth(t));
+    for (done, (trial, screened)) in both.take(refits).enumerate() {
         case.watcher
             .says(format!("trying {}", trial.name()), done, refits);
         trial.tried = true;
-        trial.fit = base.baseline.sketched(
-            &case.judged,
-            trial.name(),
-            &case.options.composed,
-            case.watcher.cancel,
-        )?;
+        trial.fit = base.baseline.sketched(&ground, screened);
         case.watcher.check()?;
     }
     refine(case, base, &mut list)?;
@@ -148,41 +141,35 @@ pub(super) fn addable(structure: &Structure, options: &DiagnosisOptions) -> Vec<
     all.filter(may).collect()
 }
 
+/// The effects that any origin lets look for, most gain first, with their screens.
 fn screened(
     case: &Case<'_>,
     base: &Fitted,
+    ground: &Ground<'_>,
     names: &[&'static str],
-) -> Result<Vec<Trial>, IdentificationError> {
-    let baseline = &base.baseline;
-    let squares: f64 = baseline.all.squares.iter().sum();
+) -> Result<(Vec<Trial>, Vec<Screened>), IdentificationError> {
+    let squares: f64 = base.baseline.all.squares.iter().sum();
     let mut list = Vec::with_capacity(names.len());
     for (done, name) in names.iter().enumerate() {
         case.watcher.check()?;
         case.watcher
             .says(format!("looking for {name}"), done, names.len());
-        let origins = baseline.origins();
-        let scores = composed::screen(
-            &case.judged,
-            &baseline.structure,
-            &origins,
-            name,
-            &case.options.composed,
-            case.watcher.cancel,
-        )?;
-        let (Some(effect), Some(score)) = (effects::find(name), scores.into_iter().next()) else {
+        let screened = ground.screen(name)?;
+        let (Some(effect), Some(score)) = (effects::find(name), screened.best()) else {
             continue;
         };
-        list.push(Trial {
+        let trial = Trial {
             declaration: effect.declaration(),
             score_share: (score.gain / squares.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0),
-            score,
+            score: score.clone(),
             tried: false,
             fit: None,
             evidence: None,
-        });
+        };
+        list.push((trial, screened));
     }
-    list.sort_by(|a, b| b.score.gain.total_cmp(&a.score.gain));
-    Ok(list)
+    list.sort_by(|a, b| b.0.score.gain.total_cmp(&a.0.score.gain));
+    Ok(list.into_iter().unzip())
 }
 
 /// Fits the sketches that come near the best one to the end, and gathers what speaks for each.

@@ -43,6 +43,9 @@ pub struct SearchOptions {
     pub second_starts_max: usize,
     /// Whether what was found is held against a scan of its own afterwards. Default off.
     pub check: ScanCheck,
+    /// Joint fits whose best local solution leaves more than this (weighted squares per row) are not
+    /// explored: what else there is follows them no better. Default infinite.
+    pub explored_below_per_row: f64,
 }
 
 impl Default for SearchOptions {
@@ -73,11 +76,35 @@ impl Default for SearchOptions {
             second_start_cells: [12, 16, 8],
             second_starts_max: 24,
             check: ScanCheck::Off,
+            explored_below_per_row: f64::INFINITY,
         }
     }
 }
 
 impl SearchOptions {
+    /// The local solutions of the scan alone.
+    #[must_use]
+    pub fn sketch(&self) -> Self {
+        let trust_tech = trust_tech::Options {
+            tiers_max: 0,
+            ..self.trust_tech
+        };
+        Self {
+            trust_tech,
+            second_starts_max: 0,
+            ..self.unchecked()
+        }
+    }
+
+    /// Without the check.
+    #[must_use]
+    pub fn unchecked(&self) -> Self {
+        Self {
+            check: ScanCheck::Off,
+            ..*self
+        }
+    }
+
     /// The defaults of a formulation. With the paper's: one start, its plain form of Trust-Tech
     /// (slacks, constant step, one sign of each eigenvector), every solution explored.
     #[must_use]

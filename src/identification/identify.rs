@@ -399,11 +399,8 @@ pub fn median_operating_point(events: &[PreparedEvent]) -> OperatingPoint {
 }
 
 pub(super) fn reduced_chi_square(best: &FitSolution, events: &[PreparedEvent]) -> f64 {
-    let samples: usize = events
-        .iter()
-        .map(|e| e.used.iter().filter(|u| **u).count())
-        .sum();
-    let freedom = (2 * samples).saturating_sub(OUTER + LINEAR).max(1) as f64;
+    let rows: usize = events.iter().map(PreparedEvent::rows).sum();
+    let freedom = rows.saturating_sub(OUTER + LINEAR).max(1) as f64;
     2.0 * best.point.objective / freedom
 }
 

@@ -204,7 +204,8 @@ fn fit_again_robustly(
 }
 
 /// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
-/// explain P and Q best, until the objective settles.
+/// explain P and Q best, until the objective settles. Events that no local solution follows to within
+/// [`SearchOptions::explored_below_per_row`] are not explored.
 ///
 /// # Errors
 ///
@@ -220,12 +221,17 @@ pub fn fit_aligned(
     const SETTLED: f64 = 0.01;
     let mut before: Option<f64> = None;
     let mut spent = Cost::default();
-    let unchecked = SearchOptions {
-        check: ScanCheck::Off,
-        ..*search
-    };
+    let open = events.iter().any(PreparedEvent::instants_open);
+    // Where the jumps are is settled by local solutions alone, and explored from there.
+    let mut exploring = !open && search.explored_below_per_row.is_infinite();
+    let rows: usize = events.iter().map(PreparedEvent::rows).sum();
     for round in 1.. {
-        let found = fit(&events, problem, &unchecked, cancel);
+        let how = if exploring {
+            search.unchecked()
+        } else {
+            search.sketch()
+        };
+        let found = fit(&events, problem, &how, cancel);
         if cancel() {
             return Err(IdentificationError::Cancelled);
         }
@@ -237,13 +243,18 @@ pub fn fit_aligned(
             break;
         };
         let objective = best.point.objective;
-        let settled = before.is_some_and(|b| b - objective < SETTLED * b);
-        if settled || round == ROUNDS_MAX || !events.iter().any(PreparedEvent::instants_open) {
+        let settled =
+            !open || before.is_some_and(|b| b - objective < SETTLED * b) || round % ROUNDS_MAX == 0;
+        before = Some(objective);
+        let near = 2.0 * objective < search.explored_below_per_row * rows as f64;
+        if settled && !exploring && near {
+            exploring = true;
+        } else if settled {
             found.scan = check(&events, problem, search, &found.solutions, cancel);
             return Ok((found, events));
+        } else {
+            events = events.iter().map(|e| align(&best.model, e)).collect();
         }
-        before = Some(objective);
-        events = events.iter().map(|e| align(&best.model, e)).collect();
     }
     Err(IdentificationError::NoSolution)
 }

@@ -2,7 +2,7 @@
 //! fits badly, on the mildest of them only, whose voltage stayed above any threshold.
 
 use super::{
-    extend::{extend, include, refine},
+    extend::{Ground, Screened, refine},
     fit::{ComposedFit, ComposedFitOptions, fit},
 };
 use crate::{
@@ -84,39 +84,36 @@ impl Baseline {
         options: &ComposedFitOptions,
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<ComposedFit>, StructureError> {
-        let sketched = self.sketched(events, effect, options, cancel)?;
+        let ground = self.ground(events, options, cancel);
+        let screened = ground.screen(effect)?;
+        let sketched = self.sketched(&ground, &screened);
         let refined = sketched.map(|fit| refine(events, fit, effect, options, cancel));
-        match refined.filter(|fit| self.followed_by(fit)) {
-            Some(fit) => Ok(Some(fit)),
-            None => include(events, &self.structure, &self.all, effect, options, cancel),
-        }
+        let followed = refined.filter(|fit| self.followed_by(fit));
+        Ok(followed.or_else(|| ground.include(&screened, options)))
+    }
+
+    /// The fits from which effects are added, on `events`.
+    pub fn ground<'a>(
+        &'a self,
+        events: &'a [PreparedEvent],
+        options: &ComposedFitOptions,
+        cancel: &'a (dyn Fn() -> bool + Sync),
+    ) -> Ground<'a> {
+        Ground::new(events, &self.structure, &self.origins(), options, cancel)
     }
 
     /// A coarse fit with one more effect to all events, from both origins: enough to compare it with
     /// other effects; [`refine`] fits it to the end. `None` where no start could be simulated, or none
     /// led to where the events are followed as well as without the effect.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::with`].
-    pub fn sketched(
-        &self,
-        events: &[PreparedEvent],
-        effect: &str,
-        options: &ComposedFitOptions,
-        cancel: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Option<ComposedFit>, StructureError> {
-        let origins = self.origins();
-        let extension = extend(events, &self.structure, &origins, effect, options, cancel)?;
-        let Some(fit) = extension.fit else {
-            return Ok(None);
-        };
+    #[must_use]
+    pub fn sketched(&self, ground: &Ground<'_>, screened: &Screened) -> Option<ComposedFit> {
+        let fit = ground.refit(screened)?;
         if self.followed_by(&fit) {
-            return Ok(Some(fit));
+            return Some(fit);
         }
         // The covariances of its start may have hidden what it leaves: once more, with those of its end.
-        let again = refine(events, fit, effect, &options.coarse(), cancel);
-        Ok(Some(again).filter(|fit| self.followed_by(fit)))
+        let again = ground.again(screened, fit);
+        Some(again).filter(|fit| self.followed_by(fit))
     }
 
     /// Whether a fit ends no higher than this one, from which it began: otherwise it lost its way.
@@ -138,8 +135,9 @@ impl Baseline {
     ) -> Result<Self, StructureError> {
         let mut mild = None;
         if let Some((few, fit)) = &self.mild {
-            let own = extend(few, &self.structure, &[fit], effect, options, cancel)?;
-            let own = own.fit.map(|fit| refine(few, fit, effect, options, cancel));
+            let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
+            let own = ground.refit(&ground.screen(effect)?);
+            let own = own.map(|fit| refine(few, fit, effect, options, cancel));
             // What does not show in the mild events leaves their fit as it is.
             mild = Some((few.clone(), own.unwrap_or_else(|| fit.clone())));
         }

@@ -4,7 +4,7 @@
 use super::{
     fit::{ComposedFit, ComposedFitOptions, fit_rows},
     rows::EventRows,
-    screening::{Candidate, Score, Step, thresholds},
+    screening::{Base, Candidate, Score, Screening, Step, thresholds},
     threshold::settled,
 };
 use crate::{
@@ -12,30 +12,20 @@ use crate::{
     load_model::{
         Structure,
         composed::ComposedModel,
-        effect::{Parameter, Role, Scale},
+        effect::{Effect, Parameter, Role, Scale},
         effects,
         structure::StructureError,
     },
     numerics::local_solver,
 };
 
-/// An effect added to a fitted model.
-#[derive(Clone, Debug)]
-pub struct Extension {
-    /// Its name.
-    pub effect: &'static str,
-    /// The structure with it.
-    pub structure: Structure,
-    /// Scores over the grid, best first.
-    pub scores: Vec<Score>,
-    /// The refitted model, as [`ComposedFitOptions::coarse`] fits; `None` where no start could be simulated.
-    pub fit: Option<ComposedFit>,
-}
-
 /// Candidates from which a refit starts.
 const STARTS: usize = 3;
-/// Shares of the proposed amplitude that are tried, until one can be simulated.
+/// Shares of the proposed amplitude that are tried.
 const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
+/// A start that leaves more than this multiple of what the best one leaves, the effect fitted alone, is
+/// not fitted any further.
+const STAGED_LEFT_MAX: f64 = 2.0;
 /// Calls of the objective with which the effect alone is brought near its optimum.
 const FIRST_STAGE_EVALUATIONS: u64 = 10;
 /// Candidates that leave more than this multiple of what the best one leaves are not refitted.
@@ -49,129 +39,160 @@ const GAIN_MIN: f64 = 4.0;
 /// Least part of the effect that the fitted model must not be able to mimic.
 const VISIBILITY_MIN: f64 = 1e-4;
 
-/// Everything about an effect that `screen` and `extend` share.
-struct Extending<'a> {
+/// Fits of one structure, from which effects are added to it: to the same or to fewer events than it
+/// holds.
+pub struct Ground<'a> {
+    events: &'a [PreparedEvent],
+    structure: &'a Structure,
     rows: Vec<EventRows<'a>>,
+    /// With what their screens share; none where an event cannot be simulated.
+    origins: Vec<(&'a ComposedFit, Option<Base>)>,
+    /// Coarse.
+    options: ComposedFitOptions,
+    cancel: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// An effect looked for in what the origins leave.
+pub struct Screened {
+    effect: &'static dyn Effect,
     model: ComposedModel,
-    voltages: Vec<f64>,
+    /// Over the grid and from every origin, by its place, most gain first.
+    candidates: Vec<(usize, Candidate)>,
 }
 
-impl<'a> Extending<'a> {
-    fn new(events: &'a [PreparedEvent], extended: &Structure, effect: &str) -> Self {
-        let model = ComposedModel::new(extended);
-        let threshold = effects::find(effect).and_then(|e| {
-            let index = model.index(&format!("{effect}.{}", e.threshold()?))?;
-            Some(&model.parameters()[index].declaration)
-        });
+impl Screened {
+    /// The best score.
+    #[must_use]
+    pub fn best(&self) -> Option<&Score> {
+        self.candidates.first().map(|(_, best)| &best.score)
+    }
+}
+
+impl<'a> Ground<'a> {
+    /// The origins on `events`.
+    #[must_use]
+    pub fn new(
+        events: &'a [PreparedEvent],
+        structure: &'a Structure,
+        origins: &[&'a ComposedFit],
+        options: &ComposedFitOptions,
+        cancel: &'a (dyn Fn() -> bool + Sync),
+    ) -> Self {
+        let rows: Vec<EventRows<'a>> = events.iter().map(EventRows::new).collect();
+        let with_base = |fit: &&'a ComposedFit| (*fit, Base::new(&rows, fit, &options.scatter));
         Self {
-            rows: events.iter().map(EventRows::new).collect(),
-            voltages: threshold.map_or_else(Vec::new, |p| thresholds(events, p)),
-            model,
-        }
-    }
-
-    fn steps<'s>(
-        &'s self,
-        origins: &'s [&'s ComposedFit],
-        effect: &str,
-        options: &'s ComposedFitOptions,
-        cancel: &'s (dyn Fn() -> bool + Sync),
-    ) -> Vec<Step<'s>> {
-        let Some(effect) = effects::find(effect) else {
-            return Vec::new();
-        };
-        let step = |origin: &&'s ComposedFit| Step {
-            rows: &self.rows,
-            model: &self.model,
-            effect,
-            origin,
-            options,
+            events,
+            structure,
+            origins: origins.iter().map(with_base).collect(),
+            rows,
+            options: options.coarse(),
             cancel,
-        };
-        origins.iter().map(step).collect()
-    }
-}
-
-/// Scores of `effect` at every point of its grid and from every origin (fits of one structure to the
-/// same or to fewer events), most gain first; nothing is refitted.
-///
-/// # Errors
-///
-/// [`StructureError`] when the effect is not in the catalogue, or excluded by a part of the
-/// structure.
-pub fn screen(
-    events: &[PreparedEvent],
-    structure: &Structure,
-    origins: &[&ComposedFit],
-    effect: &str,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<Vec<Score>, StructureError> {
-    let extending = Extending::new(events, &structure.with(effect)?, effect);
-    let mut scores = Vec::new();
-    for step in extending.steps(origins, effect, options, cancel) {
-        if let Some(base) = step.base_columns() {
-            let found = step.screen(&base, &extending.voltages);
-            scores.extend(found.into_iter().map(|c| c.score));
         }
     }
-    scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    Ok(scores)
-}
 
-/// Adds `effect` to every origin (fits of one structure to the same or to fewer events) and refits
-/// coarsely on `events` from the best candidates; the best is kept, for [`refine`]. An effect that no candidate makes visible, or
-/// that none wants with the sign it can have, is not refitted: `fit` is `None`.
-///
-/// # Errors
-///
-/// [`StructureError`] when the effect is not in the catalogue, or excluded by a part of the
-/// structure.
-pub fn extend(
-    events: &[PreparedEvent],
-    structure: &Structure,
-    origins: &[&ComposedFit],
-    effect: &str,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<Extension, StructureError> {
-    let extended = structure.with(effect)?;
-    let extending = Extending::new(events, &extended, effect);
-    let options = &options.coarse();
-    let steps = extending.steps(origins, effect, options, cancel);
-    let mut scores = Vec::new();
-    let mut promising: Vec<(usize, Candidate)> = Vec::new();
-    let bases: Vec<_> = steps.iter().map(Step::base_columns).collect();
-    for (number, (step, base)) in steps.iter().zip(&bases).enumerate() {
-        let Some(base) = base else { continue };
-        let found = step.screen(base, &extending.voltages);
-        scores.extend(found.iter().map(|c| c.score.clone()));
-        promising.extend(found.into_iter().filter(promises).map(|c| (number, c)));
-    }
-    scores.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
-    let mut best: Option<ComposedFit> = None;
-    for (number, candidate) in distinct(promising) {
-        let (step, Some(base)) = (&steps[number], &bases[number]) else {
-            continue;
-        };
-        let candidate = step.polish(candidate, base);
-        let found = step.refit(&candidate);
-        let better = |found: &ComposedFit| {
-            let known = best.as_ref();
-            known.is_none_or(|known| evidence(found) < evidence(known))
-        };
-        if let Some(found) = found.filter(better) {
-            best = Some(found);
+    fn step<'s>(&'s self, origin: usize, screened: &'s Screened) -> Step<'s> {
+        Step {
+            rows: &self.rows,
+            model: &screened.model,
+            effect: screened.effect,
+            origin: self.origins[origin].0,
+            options: &self.options,
+            cancel: self.cancel,
         }
     }
-    let name = steps.first().map_or("", |s| s.effect.declaration().name);
-    Ok(Extension {
-        effect: name,
-        structure: extended,
-        scores,
-        fit: best,
-    })
+
+    /// Looks for `effect` at every point of its grid; nothing is refitted.
+    ///
+    /// # Errors
+    ///
+    /// [`StructureError`] when the effect is not in the catalogue, or excluded by a part of the
+    /// structure.
+    pub fn screen(&self, effect: &str) -> Result<Screened, StructureError> {
+        let mut screened = self.unscreened(effect)?;
+        let own = screened.effect.declaration().name;
+        let threshold = (screened.effect.threshold())
+            .and_then(|name| screened.model.index(&format!("{own}.{name}")))
+            .map(|index| &screened.model.parameters()[index].declaration);
+        let voltages = threshold.map_or_else(Vec::new, |p| thresholds(self.events, p));
+        let mut candidates = Vec::new();
+        for (number, (_, base)) in self.origins.iter().enumerate() {
+            if let Some(base) = base {
+                let step = self.step(number, &screened);
+                let found = Screening::new(&step, base).screen(&voltages);
+                candidates.extend(found.into_iter().map(|c| (number, c)));
+            }
+        }
+        candidates.sort_by(|a, b| b.1.score.gain.total_cmp(&a.1.score.gain));
+        screened.candidates = candidates;
+        Ok(screened)
+    }
+
+    fn unscreened(&self, effect: &str) -> Result<Screened, StructureError> {
+        let extended = self.structure.with(effect)?;
+        let not_there = || StructureError::NotThere {
+            name: effect.to_owned(),
+        };
+        Ok(Screened {
+            effect: effects::find(effect.trim()).ok_or_else(not_there)?,
+            model: ComposedModel::new(&extended),
+            candidates: Vec::new(),
+        })
+    }
+
+    /// Refits with the effect, coarsely and from its best candidates; the best is kept, for [`refine`].
+    /// `None` where no start could be simulated, no candidate makes it visible, or none wants it with the
+    /// sign it can have.
+    #[must_use]
+    pub fn refit(&self, screened: &Screened) -> Option<ComposedFit> {
+        let promising = screened.candidates.iter().filter(|(_, c)| promises(c));
+        let mut promising: Vec<(usize, Candidate)> = promising.cloned().collect();
+        promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
+        let mut staged: Vec<(usize, ComposedFit)> = Vec::new();
+        for (number, candidate) in distinct(promising) {
+            let Some(base) = &self.origins[number].1 else {
+                continue;
+            };
+            let step = self.step(number, screened);
+            let candidate = Screening::new(&step, base).polish(candidate);
+            let from = step.start(&candidate, base);
+            staged.extend(
+                from.and_then(|from| step.effect_alone(&from))
+                    .map(|fit| (number, fit)),
+            );
+        }
+        let left = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
+        let least = staged
+            .iter()
+            .map(|(_, fit)| left(fit))
+            .fold(f64::INFINITY, f64::min);
+        staged.retain(|(_, fit)| left(fit) <= STAGED_LEFT_MAX * least);
+        let fits = staged.iter().filter_map(|(number, fit)| {
+            let step = self.step(*number, screened);
+            step.fit(&fit.parameters, &step.all())
+        });
+        fits.min_by(|a, b| evidence(a).total_cmp(&evidence(b)))
+    }
+
+    /// A refit once more, from its end.
+    pub(super) fn again(&self, screened: &Screened, fit: ComposedFit) -> ComposedFit {
+        let name = screened.effect.declaration().name;
+        refine(self.events, fit, name, &self.options, self.cancel)
+    }
+
+    /// The fit of the first origin with `effect` in its structure although no candidate promised
+    /// anything: its shapes as they are typically, only its amplitudes free beside what was free before,
+    /// fitted as `options` say. `None` when it cannot be simulated.
+    pub(super) fn include(
+        &self,
+        screened: &Screened,
+        options: &ComposedFitOptions,
+    ) -> Option<ComposedFit> {
+        let step = Step {
+            options,
+            ..self.step(0, screened)
+        };
+        step.include()
+    }
 }
 
 /// `fit`, of a structure to which `effect` was added last, fitted to the end; its threshold in the middle
@@ -209,27 +230,6 @@ pub fn refine(
         cancel,
     };
     settled(&step, best)
-}
-
-/// The fit of `origin` with `effect` in its structure although no candidate promised anything: its
-/// shapes as they are typically, only its amplitudes free beside what was free before. `None` when it
-/// cannot be simulated.
-///
-/// # Errors
-///
-/// As [`extend`].
-pub(super) fn include(
-    events: &[PreparedEvent],
-    structure: &Structure,
-    origin: &ComposedFit,
-    effect: &str,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<Option<ComposedFit>, StructureError> {
-    let extending = Extending::new(events, &structure.with(effect)?, effect);
-    let origins = [origin];
-    let steps = extending.steps(&origins, effect, options, cancel);
-    Ok(steps.first().and_then(Step::include))
 }
 
 /// Whether a candidate is worth a refit.
@@ -286,18 +286,17 @@ fn evidence(fit: &ComposedFit) -> f64 {
 }
 
 impl Step<'_> {
-    /// First the effect alone, then everything.
-    fn refit(&self, candidate: &Candidate) -> Option<ComposedFit> {
+    /// Where a refit starts: what the linear extrapolation proposes or a share of it, with or without
+    /// what was fitted before following, whichever leaves least. What a strong extrapolation does to a
+    /// motor near its pull-out is not linear; what only shows while everything else stays where it was
+    /// is nothing to follow. `None` where none can be simulated.
+    fn start(&self, candidate: &Candidate, base: &Base) -> Option<Vec<f64>> {
         let score = &candidate.score;
-        let start = self.at(&score.shapes);
+        let at_rest = self.at(&score.shapes);
         let amplitudes = self.own(Parameter::is_amplitude);
-        let own = self.own(|_| true);
-        let mut all = self.free_before();
-        all.extend(self.all_new());
-        all.sort_unstable();
-        all.dedup();
-        for share in SHRINKING {
-            let mut from = start.clone();
+        let before = self.free_before();
+        let with = |share: f64, follows: bool| {
+            let mut from = at_rest.clone();
             for (&index, value) in amplitudes.iter().zip(&score.amplitudes) {
                 from[index] = self.started(index, share * value);
             }
@@ -305,22 +304,50 @@ impl Step<'_> {
                 // A staircase of smaller steps is another one.
                 from[first] = self.started(first, size);
             }
-            let first = ComposedFitOptions {
-                rounds_max: 1,
-                local: local_solver::Options {
-                    evaluations_max: FIRST_STAGE_EVALUATIONS,
-                    ..self.options.local
-                },
-                ..*self.options
-            };
-            let staged = fit_rows(self.rows, self.model, &from, &own, &first, self.cancel);
-            let from = staged.map_or(from, |f| f.parameters);
-            let found = self.fit(&from, &all);
-            if found.is_some() {
-                return found;
+            if follows {
+                for (&index, by) in before.iter().zip(candidate.following.iter()) {
+                    let declared = self.model.parameters()[index].declaration;
+                    from[index] = (from[index] + share * by).clamp(declared.lower, declared.upper);
+                }
+            }
+            from
+        };
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for share in SHRINKING {
+            for follows in [false, true] {
+                let from = with(share, follows);
+                let Some(left) = base.squares(self.rows, self.model, &from) else {
+                    continue;
+                };
+                if best.as_ref().is_none_or(|(least, _)| left < *least) {
+                    best = Some((left, from));
+                }
             }
         }
-        None
+        best.map(|(_, from)| from)
+    }
+
+    /// The effect fitted alone, what was fitted before held.
+    fn effect_alone(&self, from: &[f64]) -> Option<ComposedFit> {
+        let options = ComposedFitOptions {
+            rounds_max: 1,
+            local: local_solver::Options {
+                evaluations_max: FIRST_STAGE_EVALUATIONS,
+                ..self.options.local
+            },
+            ..*self.options
+        };
+        let own = self.own(|_| true);
+        fit_rows(self.rows, self.model, from, &own, &options, self.cancel)
+    }
+
+    /// What is free with the effect, as indices.
+    fn all(&self) -> Vec<usize> {
+        let mut all = self.free_before();
+        all.extend(self.all_new());
+        all.sort_unstable();
+        all.dedup();
+        all
     }
 
     fn include(&self) -> Option<ComposedFit> {

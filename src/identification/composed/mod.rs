@@ -21,7 +21,7 @@ mod tests;
 
 pub use baseline::{Baseline, baseline};
 pub use coordinates::Coordinates;
-pub use extend::{Extension, extend, refine, screen};
+pub use extend::{Ground, Screened, refine};
 pub use fit::{ComposedFit, ComposedFitOptions, fit, squares};
 pub use model::ComposedLoad;
 pub use rows::Scatter;

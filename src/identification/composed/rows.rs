@@ -9,7 +9,7 @@ use super::{
 use crate::{
     identification::{intake::PreparedEvent, joint_problem::ProblemOptions},
     load_model::{
-        composed::{ComposedModel, Drive, Response, SimulationError},
+        composed::{ComposedModel, Drive, MotorCourse, Response, SimulationError},
         effect::{Place, Role},
         effects,
     },
@@ -79,14 +79,11 @@ impl<'a> EventRows<'a> {
         let event = self.event;
         let (own, slopes) = at_operating_point(model, parameters, event);
         let mut response = model.simulate(&own, wanted, &drive(event))?;
-        let columns = (response.active_derivatives.iter_mut())
-            .zip(&mut response.reactive_derivatives)
-            .zip(wanted);
-        for ((active, reactive), index) in columns {
-            for derivative in active.iter_mut().chain(reactive) {
-                *derivative *= slopes[*index];
-            }
-        }
+        let columns = [
+            &mut response.active_derivatives,
+            &mut response.reactive_derivatives,
+        ];
+        refer(columns, wanted, &slopes);
         Ok(response)
     }
 
@@ -108,6 +105,18 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<DMatrix<f64>, SimulationError> {
+        let sources = self.sources(model, parameters, wanted);
+        let response = self.simulate(model, parameters, &sources.simulated)?;
+        let mut rows = DMatrix::zeros(self.count(), wanted.len() + 1);
+        let derivatives = [&response.active_derivatives, &response.reactive_derivatives];
+        self.set_columns(&mut rows, &sources, derivatives);
+        let residual = &self.measured - self.stacked(&response.active, &response.reactive);
+        rows.set_column(wanted.len(), &residual);
+        Ok(rows)
+    }
+
+    /// Where the derivative columns by the parameters `wanted` come from.
+    fn sources(&self, model: &ComposedModel, parameters: &[f64], wanted: &[usize]) -> Sources {
         let exponents = load_exponents(model);
         let p0_pu = self.event.p0_pu;
         let mut simulated = wanted.to_vec();
@@ -116,10 +125,7 @@ impl<'a> EventRows<'a> {
                 simulated.push(e.amplitude);
             }
         }
-        let response = self.simulate(model, parameters, &simulated)?;
-        let mut rows = DMatrix::zeros(self.count(), wanted.len() + 1);
-        for (column, index) in wanted.iter().enumerate() {
-            // The column that the simulation gives, and what it is multiplied by.
+        let source = |index: &usize| {
             let (source, factor) = (exponents.iter())
                 .find_map(|e| match *index {
                     i if i == e.exponent => {
@@ -129,18 +135,66 @@ impl<'a> EventRows<'a> {
                     _ => None,
                 })
                 .unwrap_or((*index, 1.0));
-            let Some(place) = simulated.iter().position(|i| *i == source) else {
+            let place = simulated.iter().position(|i| *i == source)?;
+            Some((place, factor))
+        };
+        Sources {
+            columns: wanted.iter().map(source).collect(),
+            simulated,
+        }
+    }
+
+    fn set_columns(
+        &self,
+        rows: &mut DMatrix<f64>,
+        sources: &Sources,
+        [active, reactive]: [&Vec<Vec<f64>>; 2],
+    ) {
+        for (column, source) in sources.columns.iter().enumerate() {
+            let Some((place, factor)) = source else {
                 continue;
             };
-            let (p, q) = (
-                &response.active_derivatives[place],
-                &response.reactive_derivatives[place],
-            );
-            rows.set_column(column, &(self.stacked(p, q) * factor));
+            let stacked = self.stacked(&active[*place], &reactive[*place]);
+            rows.set_column(column, &(stacked * *factor));
         }
-        let residual = &self.measured - self.stacked(&response.active, &response.reactive);
-        rows.set_column(wanted.len(), &residual);
-        Ok(rows)
+    }
+
+    /// The course of the motor where derivatives by the parameters `wanted` are asked for, if that is
+    /// of use.
+    pub(super) fn motor_course(
+        &self,
+        model: &ComposedModel,
+        parameters: &[f64],
+        wanted: &[usize],
+    ) -> Result<Option<MotorCourse>, SimulationError> {
+        let (own, _) = at_operating_point(model, parameters, self.event);
+        model.motor_course(&own, wanted, &drive(self.event))
+    }
+
+    /// The derivative columns of [`Self::expanded`] alone, beside a known `motor` where that serves.
+    pub(super) fn added(
+        &self,
+        model: &ComposedModel,
+        parameters: &[f64],
+        wanted: &[usize],
+        motor: Option<&MotorCourse>,
+    ) -> Result<DMatrix<f64>, SimulationError> {
+        if let Some(motor) = motor {
+            let (own, slopes) = at_operating_point(model, parameters, self.event);
+            let sources = self.sources(model, parameters, wanted);
+            let simulated = &sources.simulated;
+            let drive = drive(self.event);
+            if let Some([mut active, mut reactive]) =
+                model.derivatives_beside(motor, &own, simulated, &drive)?
+            {
+                refer([&mut active, &mut reactive], simulated, &slopes);
+                let mut rows = DMatrix::zeros(self.count(), wanted.len());
+                self.set_columns(&mut rows, &sources, [&active, &reactive]);
+                return Ok(rows);
+            }
+        }
+        let rows = self.expanded(model, parameters, wanted)?;
+        Ok(rows.columns(0, wanted.len()).into_owned())
     }
 
     /// The covariance at a point of the search.
@@ -183,6 +237,23 @@ impl<'a> EventRows<'a> {
         let channel = |c: usize| self.used.iter().map(move |&k| (k, c));
         let rows = channel(0).chain(channel(1)).map(|(k, c)| measured[k][c]);
         DVector::from_iterator(2 * self.used.len(), rows)
+    }
+}
+
+/// Where derivative columns come from.
+struct Sources {
+    /// The parameters by which the simulation gives derivatives.
+    simulated: Vec<usize>,
+    /// Of every column the place among those, and what it is multiplied by.
+    columns: Vec<Option<(usize, f64)>>,
+}
+
+/// Turns derivatives by parameters on the base of an event into those by the declared ones.
+fn refer([active, reactive]: [&mut Vec<Vec<f64>>; 2], wanted: &[usize], slopes: &[f64]) {
+    for ((active, reactive), index) in active.iter_mut().zip(reactive).zip(wanted) {
+        for derivative in active.iter_mut().chain(reactive) {
+            *derivative *= slopes[*index];
+        }
     }
 }
 

@@ -6,13 +6,13 @@ use nalgebra::{DMatrix, DVector};
 use super::{
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions},
-    rows::EventRows,
+    rows::{EventRows, Scatter},
 };
 use crate::{
     identification::intake::PreparedEvent,
     load_model::{
         MotorCoordinates,
-        composed::ComposedModel,
+        composed::{ComposedModel, MotorCourse},
         effect::{Effect, Parameter, Role, Scale},
     },
 };
@@ -57,6 +57,8 @@ pub(super) struct Candidate {
     pub(super) left: f64,
     /// The size of the first amplitude at which the effect was looked at; `None` for a derivative.
     pub(super) size: Option<f64>,
+    /// By how much the parameters that were free before would move to make room for the effect.
+    pub(super) following: DVector<f64>,
 }
 
 /// An effect beside one fitted model.
@@ -69,9 +71,60 @@ pub(super) struct Step<'a> {
     pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// What of a score does not depend on the shapes: the derivative columns of what was free before with
-/// the residual, and the covariance, of every event.
-pub(super) type Base = Vec<(DMatrix<f64>, EventCovariance)>;
+/// A step with what all candidates share.
+pub(super) struct Screening<'a> {
+    step: &'a Step<'a>,
+    base: &'a Base,
+    /// What the motor does in every event while the effect is absent; none where that is of no use.
+    motors: Vec<Option<MotorCourse>>,
+}
+
+/// What of a score depends on the fitted model alone: of every event the derivative columns of what
+/// was free, the residual and the covariance.
+pub(super) struct Base(Vec<BaseOfEvent>);
+
+struct BaseOfEvent {
+    columns: DMatrix<f64>,
+    residual: DVector<f64>,
+    covariance: EventCovariance,
+}
+
+impl Base {
+    /// Of a fit to the events; `None` where one cannot be simulated.
+    pub(super) fn new(
+        rows: &[EventRows<'_>],
+        fit: &ComposedFit,
+        scatter: &Scatter,
+    ) -> Option<Self> {
+        let of = |event: &EventRows<'_>| {
+            let expanded = event
+                .expanded(&fit.model, &fit.parameters, &fit.free)
+                .ok()?;
+            let count = fit.free.len();
+            Some(BaseOfEvent {
+                columns: expanded.columns(0, count).into_owned(),
+                residual: expanded.column(count).into_owned(),
+                covariance: (event.covariance(&fit.model, &fit.parameters, scatter)).ok()??,
+            })
+        };
+        rows.iter().map(of).collect::<Option<_>>().map(Self)
+    }
+
+    /// `sum r' Sigma^-1 r` of a model with the covariances of this one.
+    pub(super) fn squares(
+        &self,
+        rows: &[EventRows<'_>],
+        model: &ComposedModel,
+        parameters: &[f64],
+    ) -> Option<f64> {
+        let square = |(event, base): (&EventRows<'_>, &BaseOfEvent)| {
+            let residual = event.residual(model, parameters).ok()?;
+            Some(base.covariance.square(&residual))
+        };
+        let squares: Option<Vec<f64>> = rows.iter().zip(&self.0).map(square).collect();
+        Some(squares?.iter().sum())
+    }
+}
 
 /// Voltages at which a threshold may lie: below all dips, in the gaps between their lowest voltages,
 /// and above the mildest.
@@ -173,137 +226,6 @@ impl Step<'_> {
         points
     }
 
-    /// Candidates over the grid, best first.
-    pub(super) fn screen(&self, base: &Base, voltages: &[f64]) -> Vec<Candidate> {
-        let sizes = self.effect.screened_at();
-        let sizes: Vec<Option<f64>> = if sizes.is_empty() {
-            vec![None]
-        } else {
-            sizes.iter().copied().map(Some).collect()
-        };
-        let mut found: Vec<Candidate> = Vec::new();
-        for at in self.grid(voltages) {
-            for size in &sizes {
-                found.extend(self.candidate(at.clone(), *size, base));
-            }
-        }
-        found.sort_by(|a, b| a.left.total_cmp(&b.left));
-        found
-    }
-
-    /// Moves one shape after the other while less is left: a pattern search over the linear score,
-    /// which needs no slope in a threshold or a delay.
-    pub(super) fn polish(&self, from: Candidate, base: &Base) -> Candidate {
-        let shapes = self.own(|p| p.role == Role::Shape);
-        let mut best = from;
-        for halving in 0..=HALVINGS {
-            let shrink = 0.5_f64.powi(i32::try_from(halving).unwrap_or(0));
-            for (place, &index) in shapes.iter().enumerate() {
-                let declared = &self.model.parameters()[index].declaration;
-                for direction in [1.0, -1.0] {
-                    let mut at = best.score.shapes.clone();
-                    at[place] = moved(at[place], declared, direction * shrink);
-                    if at == best.score.shapes {
-                        continue;
-                    }
-                    let Some(next) = self.candidate(at, best.size, base) else {
-                        continue;
-                    };
-                    if next.left < best.left * (1.0 - WORTH) {
-                        best = next;
-                        break;
-                    }
-                }
-            }
-        }
-        best
-    }
-
-    /// Derivative columns of what was free before, the residual, and the covariance of every event.
-    pub(super) fn base_columns(&self) -> Option<Base> {
-        let neutral = &self.neutral();
-        let wanted = self.free_before();
-        let scatter = &self.options.scatter;
-        let columns = |event: &EventRows<'_>| {
-            let rows = event.expanded(self.model, neutral, &wanted).ok()?;
-            let covariance = event.covariance(self.model, neutral, scatter).ok()??;
-            Some((rows, covariance))
-        };
-        self.rows.iter().map(columns).collect()
-    }
-
-    /// The score of the amplitudes at one grid point: the least squares problem of amplitudes and
-    /// base parameters together, linearised at the neutral value.
-    fn candidate(&self, shapes: Vec<f64>, size: Option<f64>, base: &Base) -> Option<Candidate> {
-        if (self.cancel)() {
-            return None;
-        }
-        let at = &self.at(&shapes);
-        let amplitudes = self.own(Parameter::is_amplitude);
-        let before = self.free_before().len();
-        let count = amplitudes.len();
-        let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
-        for (event, (base, covariance)) in self.rows.iter().zip(base) {
-            let added = self.added(event, at, &amplitudes, size)?;
-            let mut rows = DMatrix::zeros(base.nrows(), before + count + 1);
-            rows.columns_mut(0, before)
-                .copy_from(&base.columns(0, before));
-            rows.columns_mut(before, count + 1).copy_from(&added);
-            sum += covariance.gram(&rows);
-        }
-        for i in 0..before {
-            // What the base leaves undetermined must not be divided by.
-            sum[(i, i)] *= 1.0 + 1e-9;
-        }
-        let base_part = sum.view((0, 0), (before, before)).into_owned().cholesky()?;
-        let cross = sum.view((0, before), (before, count + 1)).into_owned();
-        let own = sum
-            .view((before, before), (count + 1, count + 1))
-            .into_owned();
-        let projected = &own - cross.tr_mul(&base_part.solve(&cross));
-        let information = projected.view((0, 0), (count, count)).into_owned();
-        let right: DVector<f64> = projected
-            .view((0, count), (count, 1))
-            .column(0)
-            .into_owned();
-        let visibility = (0..count)
-            .map(|i| projected[(i, i)] / own[(i, i)].max(f64::MIN_POSITIVE))
-            .fold(1.0, f64::min);
-        let amplitude = self.amplitude(&information, &right, &amplitudes)?;
-        let gain = 2.0 * amplitude.dot(&right) - (amplitude.tr_mul(&information) * &amplitude)[0];
-        let score = Score {
-            shapes,
-            amplitude_error: information[(0, 0)].max(f64::MIN_POSITIVE).sqrt().recip(),
-            amplitudes: amplitude.iter().copied().collect(),
-            gain,
-            visibility,
-        };
-        let left = projected[(count, count)] - gain;
-        (gain.is_finite() && left.is_finite()).then_some(Candidate { score, left, size })
-    }
-
-    /// The columns of the amplitudes and the residual without the effect: derivatives, or for the first
-    /// amplitude what it does at a size, per unit of it.
-    fn added(
-        &self,
-        event: &EventRows<'_>,
-        at: &[f64],
-        amplitudes: &[usize],
-        size: Option<f64>,
-    ) -> Option<DMatrix<f64>> {
-        let (Some(size), Some(&first)) = (size, amplitudes.first()) else {
-            return event.expanded(self.model, at, amplitudes).ok();
-        };
-        let mut added = event.expanded(self.model, at, &amplitudes[1..]).ok()?;
-        let mut with = at.to_vec();
-        with[first] += size;
-        let residual = event.residual(self.model, &with).ok()?;
-        let column = (added.column(added.ncols() - 1) - residual) / size;
-        added = added.insert_column(0, 0.0);
-        added.set_column(0, &column);
-        Some(added)
-    }
-
     /// The origin's parameters with the effect absent and of these shapes.
     pub(super) fn at(&self, shapes: &[f64]) -> Vec<f64> {
         let mut at = self.neutral();
@@ -335,6 +257,145 @@ impl Step<'_> {
             *value = value.clamp(START_WITHIN * low, START_WITHIN * high);
         }
         Some(amplitude)
+    }
+}
+
+impl<'a> Screening<'a> {
+    /// Of a step from a fit of which `base` is.
+    pub(super) fn new(step: &'a Step<'a>, base: &'a Base) -> Self {
+        let neutral = step.neutral();
+        let amplitudes = step.own(Parameter::is_amplitude);
+        let of =
+            |event: &EventRows<'_>| event.motor_course(step.model, &neutral, &amplitudes).ok()?;
+        Self {
+            step,
+            base,
+            motors: step.rows.iter().map(of).collect(),
+        }
+    }
+
+    /// Candidates over the grid, best first.
+    pub(super) fn screen(&self, voltages: &[f64]) -> Vec<Candidate> {
+        let sizes = self.step.effect.screened_at();
+        let sizes: Vec<Option<f64>> = if sizes.is_empty() {
+            vec![None]
+        } else {
+            sizes.iter().copied().map(Some).collect()
+        };
+        let mut found: Vec<Candidate> = Vec::new();
+        for at in self.step.grid(voltages) {
+            for size in &sizes {
+                found.extend(self.candidate(at.clone(), *size));
+            }
+        }
+        found.sort_by(|a, b| a.left.total_cmp(&b.left));
+        found
+    }
+
+    /// Moves one shape after the other while less is left: a pattern search over the linear score,
+    /// which needs no slope in a threshold or a delay.
+    pub(super) fn polish(&self, from: Candidate) -> Candidate {
+        let shapes = self.step.own(|p| p.role == Role::Shape);
+        let mut best = from;
+        for halving in 0..=HALVINGS {
+            let shrink = 0.5_f64.powi(i32::try_from(halving).unwrap_or(0));
+            for (place, &index) in shapes.iter().enumerate() {
+                let declared = &self.step.model.parameters()[index].declaration;
+                for direction in [1.0, -1.0] {
+                    let mut at = best.score.shapes.clone();
+                    at[place] = moved(at[place], declared, direction * shrink);
+                    if at == best.score.shapes {
+                        continue;
+                    }
+                    let Some(next) = self.candidate(at, best.size) else {
+                        continue;
+                    };
+                    if next.left < best.left * (1.0 - WORTH) {
+                        best = next;
+                        break;
+                    }
+                }
+            }
+        }
+        best
+    }
+
+    /// The score of the amplitudes at one grid point: the least squares problem of amplitudes and
+    /// base parameters together, linearised at the neutral value.
+    fn candidate(&self, shapes: Vec<f64>, size: Option<f64>) -> Option<Candidate> {
+        if (self.step.cancel)() {
+            return None;
+        }
+        let at = &self.step.at(&shapes);
+        let amplitudes = self.step.own(Parameter::is_amplitude);
+        let before = self.step.free_before().len();
+        let count = amplitudes.len();
+        let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
+        for ((event, base), motor) in self.step.rows.iter().zip(&self.base.0).zip(&self.motors) {
+            let added = self.added(event, at, &amplitudes, size, base, motor.as_ref())?;
+            let mut rows = DMatrix::zeros(base.residual.len(), before + count + 1);
+            rows.columns_mut(0, before).copy_from(&base.columns);
+            rows.columns_mut(before, count).copy_from(&added);
+            rows.set_column(before + count, &base.residual);
+            sum += base.covariance.gram(&rows);
+        }
+        for i in 0..before {
+            // What the base leaves undetermined must not be divided by.
+            sum[(i, i)] *= 1.0 + 1e-9;
+        }
+        let base_part = sum.view((0, 0), (before, before)).into_owned().cholesky()?;
+        let cross = sum.view((0, before), (before, count + 1)).into_owned();
+        let own = sum
+            .view((before, before), (count + 1, count + 1))
+            .into_owned();
+        let projected = &own - cross.tr_mul(&base_part.solve(&cross));
+        let information = projected.view((0, 0), (count, count)).into_owned();
+        let right: DVector<f64> = projected
+            .view((0, count), (count, 1))
+            .column(0)
+            .into_owned();
+        let visibility = (0..count)
+            .map(|i| projected[(i, i)] / own[(i, i)].max(f64::MIN_POSITIVE))
+            .fold(1.0, f64::min);
+        let amplitude = self.step.amplitude(&information, &right, &amplitudes)?;
+        let gain = 2.0 * amplitude.dot(&right) - (amplitude.tr_mul(&information) * &amplitude)[0];
+        let score = Score {
+            shapes,
+            amplitude_error: information[(0, 0)].max(f64::MIN_POSITIVE).sqrt().recip(),
+            amplitudes: amplitude.iter().copied().collect(),
+            gain,
+            visibility,
+        };
+        let left = projected[(count, count)] - gain;
+        let to_residual = cross.column(count) - cross.columns(0, count) * &amplitude;
+        (gain.is_finite() && left.is_finite()).then_some(Candidate {
+            score,
+            left,
+            size,
+            following: base_part.solve(&to_residual),
+        })
+    }
+
+    /// The columns of the amplitudes: derivatives, or for the first what it does at a size, per unit of it.
+    fn added(
+        &self,
+        event: &EventRows<'_>,
+        at: &[f64],
+        amplitudes: &[usize],
+        size: Option<f64>,
+        base: &BaseOfEvent,
+        motor: Option<&MotorCourse>,
+    ) -> Option<DMatrix<f64>> {
+        let (Some(size), Some((&first, others))) = (size, amplitudes.split_first()) else {
+            return event.added(self.step.model, at, amplitudes, motor).ok();
+        };
+        let added = event.added(self.step.model, at, others, motor).ok()?;
+        let mut with = at.to_vec();
+        with[first] += size;
+        let residual = event.residual(self.step.model, &with).ok()?;
+        let mut added = added.insert_column(0, 0.0);
+        added.set_column(0, &((&base.residual - residual) / size));
+        Some(added)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
-use super::{ComposedFitOptions, extend, fit};
+use super::{ComposedFitOptions, Ground, fit};
 use crate::{
     disturbance::{Closing, Trigger, Window},
     identification::{
@@ -136,17 +136,10 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
         false
     })
     .unwrap();
-    let found = extend(
-        &events,
-        &plain,
-        &[&base],
-        "stator_resistance",
-        &options,
-        &|| false,
-    )
-    .unwrap();
-    assert!(found.scores[0].gain > 0.0);
-    let found = found.fit.unwrap();
+    let ground = Ground::new(&events, &plain, &[&base], &options, &|| false);
+    let screened = ground.screen("stator_resistance").unwrap();
+    assert!(screened.best().unwrap().gain > 0.0);
+    let found = ground.refit(&screened).unwrap();
     assert!(
         (found.parameters[place] - 0.03).abs() < 0.002,
         "{:?}",
@@ -166,17 +159,8 @@ fn what_is_excluded_or_unknown_is_an_error() {
         false
     })
     .unwrap();
-    assert!(
-        extend(
-            &events,
-            &structure,
-            &[&base],
-            "perpetual_motion",
-            &options,
-            &|| false
-        )
-        .is_err()
-    );
+    let ground = Ground::new(&events, &structure, &[&base], &options, &|| false);
+    assert!(ground.screen("perpetual_motion").is_err());
 }
 
 #[test]

@@ -122,6 +122,12 @@ impl PreparedEvent {
         self.voltage.len()
     }
 
+    /// Number of rows of a fit: every used sample of P and of Q.
+    #[must_use]
+    pub fn rows(&self) -> usize {
+        2 * self.used.iter().filter(|used| **used).count()
+    }
+
     /// Whether P and Q can tell more about the instants of the jumps: no filter has spread them, so
     /// that voltages leave them open.
     #[must_use]

@@ -5,7 +5,7 @@ use crate::numerics::Scalar;
 
 /// Values of the states of motor and effects at every output instant, and of the phasor at the load
 /// at every instant at which it was looked for.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
     /// Whether the states are wanted.
     states: bool,
@@ -22,6 +22,19 @@ impl Kept {
         Self {
             states,
             ..Self::default()
+        }
+    }
+
+    /// Wants the states of the effects anew, for which the motor's are there.
+    pub(super) fn forget_effects(&mut self) {
+        self.states = true;
+        self.effects.clear();
+    }
+
+    /// Adds the states of the effects at the next output instant.
+    pub(super) fn keep_effects<S: Scalar>(&mut self, now: &Now<S>) {
+        if self.states {
+            self.effects.extend(now.effects.iter().map(|x| x.value()));
         }
     }
 
@@ -44,14 +57,19 @@ impl Kept {
         self.states = false;
     }
 
-    /// The states at an output instant, as constants.
-    pub(super) fn restore<S: Scalar>(&self, index: usize, now: &mut Now<S>) {
+    /// The motor's states at an output instant, as constants.
+    pub(super) fn restore_motor<S: Scalar>(&self, index: usize, now: &mut Now<S>) {
         let motor = &self.motor[index];
         now.motor = MotorState {
             flux: motor.flux.map(S::constant),
             second: motor.second.map(S::constant),
             speed_rad_s: S::constant(motor.speed_rad_s),
         };
+    }
+
+    /// The states at an output instant, as constants.
+    pub(super) fn restore<S: Scalar>(&self, index: usize, now: &mut Now<S>) {
+        self.restore_motor(index, now);
         let count = now.effects.len();
         let own = &self.effects[index * count..(index + 1) * count];
         for (state, value) in now.effects.iter_mut().zip(own) {

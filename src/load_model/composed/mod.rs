@@ -12,6 +12,7 @@
 //! (tested).
 
 mod base;
+mod beside;
 pub(super) mod complex;
 mod context;
 mod feeder;
@@ -30,6 +31,7 @@ mod tests;
 use std::sync::Arc;
 
 pub use base::{BASE, BASE_PARAMETERS};
+pub use beside::{DerivativeColumns, MotorCourse};
 pub use context::{FrequencyCourse, Instant, Rest, Seen, Series, Step};
 pub use feeder::Feeder;
 pub use motor::{Motor, MotorDescription, MotorState};
@@ -225,7 +227,7 @@ impl ComposedModel {
     /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the
     /// vector, any order). The values do not depend on what is wanted. Cost: an integration with
     /// [`Sensitivity`] for every [`LANES`] wanted parameters that act on states (all of them behind a
-    /// feeder, [`LANES`] less two at a time), an evaluation at the output instants for every [`LANES`]
+    /// feeder, [`LANES`] less two at a time; without the motor where none of them acts on it), an evaluation at the output instants for every [`LANES`]
     /// others; one with `f64` where none acts on states.
     ///
     /// An effect whose amplitudes are all neutral takes no part in the values; where one of its
@@ -253,6 +255,15 @@ impl ComposedModel {
         let (mut beside, mut inside): (Vec<usize>, Vec<usize>) =
             (0..wanted.len()).partition(|&w| !network && self.is_beside_the_states(wanted[w]));
         let width = if network { LANES - PROBES } else { LANES };
+        // Passes without a lane that acts on the motor take its course from those with one.
+        let measured = self.sees_the_measured_phasor(&acting);
+        let apart =
+            |w: usize| measured && !self.acts_on_motor(parameters, &acting, wanted[w], drive);
+        let (mut lanes, others): (Vec<usize>, Vec<usize>) =
+            inside.iter().partition(|w| !apart(**w));
+        let motors = lanes.len().div_ceil(width);
+        lanes.extend(others);
+        inside = lanes;
         // What an integration can carry at no cost, where that saves an evaluation.
         let spare = inside.len().next_multiple_of(width) - inside.len();
         let left = beside.len().saturating_sub(spare);
@@ -284,15 +295,20 @@ impl ComposedModel {
         if present != acting || wanted.is_empty() {
             values = Some(plain(&present, &mut Kept::default())?);
         }
-        let mut kept = Kept::new(!beside.is_empty());
+        let mut kept = Kept::new(!beside.is_empty() || motors < inside.len().div_ceil(width));
         // Values first where they help the derivatives, or are all that these need.
-        let helps = network || inside.is_empty();
+        let helps = network || motors == 0;
         if helps && !wanted.is_empty() {
             let found = plain(&acting, &mut kept)?;
             values.get_or_insert(found);
         }
-        for lanes in inside.chunks(width) {
-            let found = sensitive(lanes, Course::Integrate(&mut kept))?;
+        for (number, lanes) in inside.chunks(width).enumerate() {
+            let course = if number < motors {
+                Course::Integrate(&mut kept)
+            } else {
+                Course::BesideMotor(&mut kept)
+            };
+            let found = sensitive(lanes, course)?;
             values.get_or_insert(found);
         }
         for lanes in beside.chunks(LANES) {
@@ -373,6 +389,17 @@ impl ComposedModel {
         effects: &[usize],
         course: Course<'_>,
     ) -> Result<Output<S>, SimulationError> {
+        let (motor, active) = self.parts(&value, effects);
+        let linear: [S; LinearCoefficients::COUNT] = std::array::from_fn(|i| value(3 + i));
+        run::run(drive, grid, motor, linear, &active, course)
+    }
+
+    /// The motor and the effects with their parameters.
+    fn parts<S: Pass>(
+        &self,
+        value: impl Fn(usize) -> S,
+        effects: &[usize],
+    ) -> (MotorCoordinates<S>, Vec<Active<'_, S>>) {
         let mut active: Vec<Active<'_, S>> = Vec::new();
         for &e in effects {
             let (effect, places) = &self.effects[e];
@@ -385,8 +412,7 @@ impl ComposedModel {
             nu_per_s2: value(1).exp(),
             kappa: value(2),
         };
-        let linear: [S; LinearCoefficients::COUNT] = std::array::from_fn(|i| value(3 + i));
-        run::run(drive, grid, motor, linear, &active, course)
+        (motor, active)
     }
 }
 

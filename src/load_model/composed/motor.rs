@@ -95,7 +95,8 @@ impl<S: Elementary> MotorDescription<S> {
             || self.saturation.is_some()
     }
 
-    fn map<T: Elementary>(&self, f: impl Fn(S) -> T) -> MotorDescription<T> {
+    /// With something else in the place of every number.
+    pub(super) fn map<T: Elementary>(&self, f: impl Fn(S) -> T) -> MotorDescription<T> {
         let c = &self.coordinates;
         MotorDescription {
             coordinates: MotorCoordinates {

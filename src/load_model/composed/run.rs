@@ -4,7 +4,7 @@
 use super::{
     Drive, Instant, MotorDescription, Rest, SimulationError, Step, complex,
     feeder::{Implicit, Network, Secant, Solution},
-    grid::Grid,
+    grid::{Grid, QUIET},
     kept::Kept,
     motor::{Motor, MotorState},
     series::{View, frequency_series, measure, seen},
@@ -61,6 +61,9 @@ pub(super) enum Course<'k> {
     /// By integration, which takes from the passes before what it needs, and adds what those after it
     /// may need.
     Integrate(&'k mut Kept),
+    /// The motor as it was in a pass before, the effects by integration: for derivatives by what does not
+    /// act on the motor, where the load sees the measured phasor.
+    BesideMotor(&'k mut Kept),
     /// As they were in a pass before: for derivatives by what does not act on them.
     Replay(&'k Kept),
 }
@@ -208,8 +211,9 @@ pub(super) fn run<S: Pass>(
     let mut output = match course {
         Course::Integrate(kept) => {
             simulation.known = std::mem::take(&mut kept.solutions);
-            simulation.integrate(grid, start, kept)?
+            simulation.integrate(grid, start, kept, false)?
         }
+        Course::BesideMotor(kept) => simulation.integrate(grid, start, kept, true)?,
         Course::Replay(kept) => simulation.replay(grid, start, kept)?,
     };
     measure(drive, grid, effects, &mut output);
@@ -221,6 +225,22 @@ pub(super) fn run<S: Pass>(
     }
 }
 
+/// The motor's constants with what the effects make of them, at the measured voltage.
+pub(super) fn describe<S: Pass>(
+    drive: &Drive<'_>,
+    motor: MotorCoordinates<S>,
+    effects: &[Active<'_, S>],
+) -> MotorDescription<S> {
+    let mut description = MotorDescription::new(motor, drive.terminal.synchronous_speed_rad_s);
+    for e in effects
+        .iter()
+        .filter(|e| e.declaration.acts_on(Place::Motor))
+    {
+        e.equations.motor(&e.parameters, &mut description);
+    }
+    description
+}
+
 /// The motor with what the effects make of it, and the load at its operating point.
 fn at_rest<S: Pass>(
     drive: &Drive<'_>,
@@ -229,13 +249,7 @@ fn at_rest<S: Pass>(
     effects: &[Active<'_, S>],
 ) -> Result<Rest<S>, SimulationError> {
     let synchronous_speed_rad_s = drive.terminal.synchronous_speed_rad_s;
-    let mut description = MotorDescription::new(motor, synchronous_speed_rad_s);
-    for e in effects
-        .iter()
-        .filter(|e| e.declaration.acts_on(Place::Motor))
-    {
-        e.equations.motor(&e.parameters, &mut description);
-    }
+    let mut description = describe(drive, motor, effects);
     let feeder = effects
         .iter()
         .find(|e| e.declaration.acts_on(Place::Feeder))
@@ -262,6 +276,26 @@ fn at_rest<S: Pass>(
     })
 }
 
+/// Every state as a number that moves by [`QUIET`] where that is little.
+fn values<S: Pass>(now: &Now<S>) -> impl Iterator<Item = f64> + '_ {
+    /// A rotor's speed compares with rates of some 1/s, fluxes with 1.
+    const SPEED_SCALE_S: f64 = 0.02;
+    let motor = &now.motor;
+    let fluxes = motor.flux.iter().chain(&motor.second);
+    let states = fluxes.chain(&now.effects).map(|x| x.value());
+    std::iter::once(motor.speed_rad_s.value() * SPEED_SCALE_S).chain(states)
+}
+
+/// Whether no state has moved by more than [`QUIET`] since `before`, which becomes now.
+fn has_rested<S: Pass>(now: &Now<S>, before: &mut [f64]) -> bool {
+    let mut rested = true;
+    for (value, before) in values(now).zip(before) {
+        rested &= (value - *before).abs() < QUIET;
+        *before = value;
+    }
+    rested
+}
+
 /// Phasors of a step as constants.
 #[inline]
 fn constants<S: Pass>(u: [[f64; 2]; 3]) -> [[S; 2]; 3] {
@@ -273,25 +307,36 @@ fn constants<S: Pass>(u: [[f64; 2]; 3]) -> [[S; 2]; 3] {
 }
 
 impl<S: Pass> Simulation<'_, '_, S> {
+    /// By fixed steps; `beside_motor`, where its states at the output instants are kept, without the
+    /// motor's.
     fn integrate(
         &self,
         grid: &Grid,
         mut now: Now<S>,
         kept: &mut Kept,
+        beside_motor: bool,
     ) -> Result<Output<S>, SimulationError> {
         let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
         let mut trial = now.clone();
         let terminal = self.drive.terminal;
         let mut emit = |now: &mut Now<S>, output: &mut Output<S>| {
-            kept.keep(now);
+            if beside_motor {
+                kept.restore_motor(output[0].len(), now);
+                kept.keep_effects(now);
+            } else {
+                kept.keep(now);
+            }
             self.emit(grid, now, output)
         };
+        let mut before: Vec<f64> = values(&now).collect();
         for sample in 0..terminal.sample_count() {
             emit(&mut now, &mut output)?;
             if sample + 1 == terminal.sample_count() {
                 break;
             }
-            let (substeps, outputs) = grid.substeps(terminal, sample, self.rate_per_s(&now));
+            let resting = has_rested(&now, &mut before);
+            let rate_per_s = self.rate_per_s(&now);
+            let (substeps, outputs) = grid.substeps(terminal, sample, rate_per_s, resting);
             let duration_s = terminal.sample_interval_s / substeps as f64;
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
@@ -304,7 +349,10 @@ impl<S: Pass> Simulation<'_, '_, S> {
                     let to = self.moment(index, share(j) + 1.0 / each as f64);
                     self.advance_coupled([&mut now, &mut trial], u, duration_s, [from, to])?;
                 } else {
-                    self.advance_bare(&mut now, u, duration_s, index);
+                    self.advance_effects_bare(&mut now, u, duration_s, index);
+                    if !beside_motor {
+                        now.motor = self.rest.motor.step(&now.motor, u, duration_s);
+                    }
                 }
                 if j + 1 < substeps && ((j + 1) * outputs).is_multiple_of(substeps) {
                     emit(&mut now, &mut output)?;
@@ -351,14 +399,19 @@ impl<S: Pass> Simulation<'_, '_, S> {
         }
     }
 
-    /// A step in which the load sees the measured phasor.
-    fn advance_bare(&self, now: &mut Now<S>, u: [[f64; 2]; 3], duration_s: f64, index: usize) {
+    /// A step of the effects in which the load sees the measured phasor.
+    fn advance_effects_bare(
+        &self,
+        now: &mut Now<S>,
+        u: [[f64; 2]; 3],
+        duration_s: f64,
+        index: usize,
+    ) {
         if !self.places.states.is_empty() {
             let phasor = constants(u);
             let voltage = u.map(|[re, im]| S::constant((re * re + im * im).sqrt()));
             self.advance_effects(now, [phasor; 2], voltage, duration_s, index);
         }
-        now.motor = self.rest.motor.step(&now.motor, u, duration_s);
     }
 
     fn advance_effects(

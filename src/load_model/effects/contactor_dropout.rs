@@ -88,9 +88,9 @@ impl Declared for ContactorDropout {
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
-        for span in [0.04, 0.1] {
-            for closing_s in [0.005, 0.1, 0.4] {
-                points.push(vec![0.55, span, 0.08, 0.01, closing_s, 1.0, 0.4]);
+        for [span, opening_s] in [[0.04, 0.005], [0.15, 0.005], [0.15, 0.02]] {
+            for closing_s in [0.005, 0.025, 0.06, 0.15, 0.4] {
+                points.push(vec![0.55, span, 0.08, opening_s, closing_s, 1.0, 0.4]);
             }
         }
         points

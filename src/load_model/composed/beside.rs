@@ -1,0 +1,204 @@
+//! Derivatives beside a motor whose course is known: what a power relay or a recovering load adds can be
+//! looked at for many of its shapes without integrating the motor again.
+
+use super::{
+    ComposedModel, Drive, MotorDescription, SimulationError, derivatives,
+    grid::Grid,
+    kept::Kept,
+    run::{Course, describe},
+};
+use crate::{
+    load_model::effect::{LANES, Place, Sensitivity},
+    numerics::Scalar,
+};
+
+/// The course of a model's motor in one event.
+#[derive(Clone, Debug)]
+pub struct MotorCourse {
+    description: MotorDescription<f64>,
+    grid: Grid,
+    kept: Kept,
+}
+
+/// Derivatives of active and of reactive power, a series per wanted parameter.
+pub type DerivativeColumns = [Vec<Vec<f64>>; 2];
+
+impl ComposedModel {
+    /// The course of the motor where derivatives with respect to the `wanted` parameters are asked for;
+    /// `None` where the load sees another phasor than the measured one, so that all depends on all.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::simulate`].
+    pub fn motor_course(
+        &self,
+        parameters: &[f64],
+        wanted: &[usize],
+        drive: &Drive<'_>,
+    ) -> Result<Option<MotorCourse>, SimulationError> {
+        self.check(parameters, wanted, drive)?;
+        let acting = self.acting(parameters, wanted);
+        if !self.sees_the_measured_phasor(&acting) {
+            return Ok(None);
+        }
+        let grid = Grid::new(drive.terminal);
+        let mut kept = Kept::new(true);
+        let course = Course::Integrate(&mut kept);
+        self.pass::<f64>(drive, &grid, |i| parameters[i], &acting, course)?;
+        Ok(Some(MotorCourse {
+            description: self.described(parameters, &acting, drive),
+            grid,
+            kept,
+        }))
+    }
+
+    /// The derivatives that [`Self::simulate`] gives (to the accuracy of the integration, whose steps follow
+    /// the fastest state of all), at a fraction of its cost. `None`
+    /// where the motor would not take this course, or one of the `wanted` parameters acts on states.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::simulate`].
+    pub fn derivatives_beside(
+        &self,
+        motor: &MotorCourse,
+        parameters: &[f64],
+        wanted: &[usize],
+        drive: &Drive<'_>,
+    ) -> Result<Option<DerivativeColumns>, SimulationError> {
+        self.check(parameters, wanted, drive)?;
+        let acting = self.acting(parameters, wanted);
+        let beside = wanted.iter().all(|w| self.is_beside_the_states(*w));
+        if !beside
+            || !self.sees_the_measured_phasor(&acting)
+            || self.described(parameters, &acting, drive) != motor.description
+        {
+            return Ok(None);
+        }
+        let mut kept = motor.kept.clone();
+        kept.forget_effects();
+        let course = Course::BesideMotor(&mut kept);
+        self.pass::<f64>(drive, &motor.grid, |i| parameters[i], &acting, course)?;
+        let mut columns = [0, 1].map(|_| Vec::with_capacity(wanted.len()));
+        for lanes in wanted.chunks(LANES) {
+            let variable = |i: usize| match lanes.iter().position(|w| *w == i) {
+                Some(lane) => Sensitivity::variable(parameters[i], lane),
+                None => Sensitivity::constant(parameters[i]),
+            };
+            let course = Course::Replay(&kept);
+            let found = self.pass(drive, &motor.grid, variable, &acting, course)?;
+            for (columns, series) in columns.iter_mut().zip(&found) {
+                columns.extend((0..lanes.len()).map(|lane| derivatives(series, lane)));
+            }
+        }
+        let number = |column: &Vec<f64>| column.iter().position(|d| !d.is_finite());
+        match columns.iter().flatten().find_map(number) {
+            Some(output) => Err(SimulationError::NotFinite { output }),
+            None => Ok(Some(columns)),
+        }
+    }
+
+    /// Whether the motor depends on a parameter, where the load sees the measured phasor.
+    pub(super) fn acts_on_motor(
+        &self,
+        parameters: &[f64],
+        acting: &[usize],
+        index: usize,
+        drive: &Drive<'_>,
+    ) -> bool {
+        let variable = |i: usize| {
+            let value = parameters[i];
+            if i == index {
+                Sensitivity::variable(value, 0)
+            } else {
+                Sensitivity::constant(value)
+            }
+        };
+        let (motor, active) = self.parts(variable, acting);
+        let described = describe(drive, motor, &active);
+        described.map(|x| x.derivative(0)) != described.map(|_| 0.0)
+    }
+
+    pub(super) fn sees_the_measured_phasor(&self, acting: &[usize]) -> bool {
+        let others = [Place::Feeder, Place::Gain, Place::MotorFrequency];
+        let acts = |e: &usize| {
+            let declaration = self.effects[*e].0.declaration();
+            others.iter().any(|place| declaration.acts_on(*place))
+        };
+        !acting.iter().any(acts)
+    }
+
+    fn described(
+        &self,
+        parameters: &[f64],
+        acting: &[usize],
+        drive: &Drive<'_>,
+    ) -> MotorDescription<f64> {
+        let (motor, active) = self.parts(|i| parameters[i], acting);
+        describe(drive, motor, &active)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::load_model::{
+        ComposedModel, Drive, Structure, composed::contract::a_dip, effects::catalogue,
+    };
+
+    #[test]
+    fn what_is_added_beside_a_known_motor_is_what_a_simulation_gives() {
+        let input = a_dip(0.62, 0.1);
+        let deviation = vec![-2e-3; input.output_count()];
+        let drive = Drive {
+            terminal: &input,
+            frequency_deviation: &deviation,
+            reactive_at_rest: 0.3,
+        };
+        let mut served = 0;
+        for effect in catalogue() {
+            let name = effect.declaration().name;
+            let model = ComposedModel::new(&Structure::zip_im().with(name).unwrap());
+            let parameters = model.neutral();
+            let amplitudes: Vec<usize> = (0..parameters.len())
+                .filter(|i| model.parameters()[*i].declaration.is_amplitude())
+                .collect();
+            let course = model
+                .motor_course(&parameters, &amplitudes, &drive)
+                .unwrap();
+            // The shapes of the first grid point, not those of the course.
+            let motor = crate::load_model::MotorCoordinates {
+                alpha_per_s: parameters[0].exp(),
+                nu_per_s2: parameters[1].exp(),
+                kappa: parameters[2],
+            };
+            let mut moved = parameters.clone();
+            let shapes = (0..parameters.len()).filter(|i| {
+                let p = &model.parameters()[*i];
+                p.effect.is_some() && !p.declaration.is_amplitude()
+            });
+            for (index, value) in shapes.zip(&effect.nuisance_grid(&motor)[0]) {
+                moved[index] = *value;
+            }
+            let simulated = model.simulate(&moved, &amplitudes, &drive).unwrap();
+            let Some(course) = course else { continue };
+            let beside = model.derivatives_beside(&course, &moved, &amplitudes, &drive);
+            let Some([active, reactive]) = beside.unwrap() else {
+                continue;
+            };
+            served += 1;
+            let pairs = [
+                (active, simulated.active_derivatives),
+                (reactive, simulated.reactive_derivatives),
+            ];
+            for (found, expected) in pairs {
+                for (found, expected) in found.iter().flatten().zip(expected.iter().flatten()) {
+                    assert!(
+                        (found - expected).abs() < 1e-4 * (1.0 + expected.abs()),
+                        "{name}: {found} {expected}"
+                    );
+                }
+            }
+        }
+        assert!(served >= 8, "{served} effects");
+    }
+}
