@@ -27,7 +27,7 @@ const COMPARISONS_MAX: usize = 64;
 #[derive(Debug)]
 pub(super) struct Desk {
     pub(super) context: Arc<Context>,
-    pub(super) seats: Semaphore,
+    pub(super) seats: Arc<Semaphore>,
     pub(super) listeners: Arc<Semaphore>,
     /// Recordings that readers sent.
     pub(super) uploads: Uploads,
@@ -49,7 +49,7 @@ impl Desk {
     pub(super) fn new(context: Arc<Context>) -> Self {
         Self {
             context,
-            seats: Semaphore::new(SEATS),
+            seats: Arc::new(Semaphore::new(SEATS)),
             listeners: Arc::new(Semaphore::new(LISTENERS_MAX)),
             uploads: Uploads::default(),
             comparisons: Mutex::new(Vec::new()),

@@ -136,9 +136,12 @@ impl Server {
     async fn answer(mut stream: TcpStream, path: &str) -> Answer {
         let mut bytes = Vec::new();
         if path.ends_with("/updates") {
-            let mut first = [0; 4096];
-            let count = stream.read(&mut first).await.unwrap();
-            bytes.extend_from_slice(&first[..count]);
+            // It has no end of its own: up to the first change, or to the end of a refusal.
+            while !String::from_utf8_lossy(&bytes).contains("event: change") {
+                if stream.read_buf(&mut bytes).await.unwrap() == 0 {
+                    break;
+                }
+            }
         } else {
             stream.read_to_end(&mut bytes).await.unwrap();
         }

@@ -109,12 +109,16 @@ pub(super) async fn show<P: Page>(
     load: impl FnOnce(&Desk) -> Result<P, Problem> + Send + 'static,
 ) -> Response {
     let (_, form) = Form::of(uri.path());
-    let Ok(_permit) = desk.seats.acquire().await else {
+    let Ok(permit) = Arc::clone(&desk.seats).acquire_owned().await else {
         return Problem::unavailable("the service is stopping").answer(form);
     };
     let work = {
         let desk = Arc::clone(&desk);
-        move || load(&desk).and_then(|page| render(&page, &uri, form))
+        // The work goes on when nobody waits for it any more, and keeps its seat.
+        move || {
+            let _permit = permit;
+            load(&desk).and_then(|page| render(&page, &uri, form))
+        }
     };
     match tokio::task::spawn_blocking(work).await {
         Ok(Ok(response)) => response,

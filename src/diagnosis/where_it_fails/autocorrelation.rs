@@ -4,6 +4,11 @@
 /// finite is a gap. Zero everywhere for a constant. Sums run over the pairs that exist and are
 /// divided by the number of values, which keeps the function positive semidefinite without gaps.
 pub(super) fn autocorrelation(values: &[f64], lags_max: usize) -> Vec<f64> {
+    lags(values, lags_max).collect()
+}
+
+/// The same lag by lag: whoever needs the first few does not pay for the others.
+fn lags(values: &[f64], lags_max: usize) -> impl Iterator<Item = f64> {
     let finite: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
     let mean = finite.iter().sum::<f64>() / finite.len().max(1) as f64;
     let centred: Vec<f64> = values
@@ -11,21 +16,18 @@ pub(super) fn autocorrelation(values: &[f64], lags_max: usize) -> Vec<f64> {
         .map(|x| if x.is_finite() { x - mean } else { 0.0 })
         .collect();
     let variance: f64 = centred.iter().map(|x| x * x).sum();
-    (0..=lags_max)
-        .map(|lag| {
-            let pairs = centred.iter().zip(centred.iter().skip(lag));
-            let sum: f64 = pairs.map(|(a, b)| a * b).sum();
-            if variance > 0.0 { sum / variance } else { 0.0 }
-        })
-        .collect()
+    (0..=lags_max).map(move |lag| {
+        let pairs = centred.iter().zip(centred.iter().skip(lag));
+        let sum: f64 = pairs.map(|(a, b)| a * b).sum();
+        if variance > 0.0 { sum / variance } else { 0.0 }
+    })
 }
 
 /// How many samples make one independent value: `1 + 2 sum rho`, up to the first lag at which the
 /// autocorrelation is not positive (Geyer's initial positive sequence, cut at single lags); at least 1.
 pub(super) fn samples_per_independent_value(values: &[f64]) -> f64 {
     let lags_max = values.len() / 4;
-    let rho = autocorrelation(values, lags_max);
-    let positive = rho.iter().skip(1).take_while(|r| **r > 0.0);
+    let positive = lags(values, lags_max).skip(1).take_while(|r| *r > 0.0);
     1.0 + 2.0 * positive.sum::<f64>()
 }
 

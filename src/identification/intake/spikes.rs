@@ -21,6 +21,7 @@ pub(super) fn remove(series: &mut Series) -> usize {
         super::series::median(&magnitudes).max(1e-6)
     };
     let active_size = size(&series.active).max(size(&series.reactive));
+    let voltage_size = size(&series.voltage);
     let mut spikes = Vec::new();
     for k in 1..n.saturating_sub(1) {
         if series.bad[k - 1] || series.bad[k] || series.bad[k + 1] {
@@ -28,7 +29,7 @@ pub(super) fn remove(series: &mut Series) -> usize {
         }
         let voltage_moves = moves(&series.voltage, k);
         let power_moves = moves(&series.active, k).max(moves(&series.reactive, k)) / active_size;
-        let in_voltage = stands_out(&series.voltage, k, size(&series.voltage));
+        let in_voltage = stands_out(&series.voltage, k, voltage_size);
         let in_power = stands_out(&series.active, k, active_size)
             || stands_out(&series.reactive, k, active_size);
         if (in_power && voltage_moves < VOLTAGE_EXPLAINS)

@@ -104,12 +104,13 @@ pub(in super::super) async fn take(
         Ok(sent) => sent,
         Err(problem) => return problem.answer(Form::Html),
     };
-    let Ok(_permit) = desk.seats.acquire().await else {
+    let Ok(permit) = Arc::clone(&desk.seats).acquire_owned().await else {
         return Problem::unavailable("the service is stopping").answer(Form::Html);
     };
     let reading = {
         let (desk, site) = (Arc::clone(&desk), site.clone());
         tokio::task::spawn_blocking(move || {
+            let _permit = permit;
             let upload = uploads::read(&desk.site(&site)?, &sent.files, sent.load)?;
             let id = upload.window.id.clone();
             desk.uploads.keep(upload);

@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(wide.len(), 4, "1, 10, 100, 1000: {wide:?}");
         let close: Vec<_> = logarithmic_ticks((-0.1, 1.1), 6);
         assert_eq!(close.len(), 4, "1, 2, 5, 10: {close:?}");
-        let narrow = logarithmic_ticks((-0.06, 0.04), 4);
+        let narrow = logarithmic_ticks((-0.06, 0.04), 6);
         let numbers: Vec<_> = narrow
             .iter()
             .map(|place| (10_f64.powf(*place) * 100.0).round())
