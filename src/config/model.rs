@@ -359,7 +359,7 @@ impl Default for DiagnosisConfig {
         Self {
             enabled: true,
             min_events: 4,
-            max_refits: 8,
+            max_refits: 10,
         }
     }
 }

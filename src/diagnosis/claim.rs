@@ -120,6 +120,13 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
         let held_out = fall(gate.before, gate.after);
         let needed = needed_held_out_fall(evidence, options);
         if evidence.gate_is_silent(gate, options) {
+            if left_share(evidence, options) > options.silent_left_share {
+                list.push(format!(
+                    "the held-out events show nothing of it, and of what the fitted ones show it leaves {:.0} %; a claim needs at most {:.0} %",
+                    100.0 * left_share(evidence, options),
+                    100.0 * options.silent_left_share
+                ));
+            }
             if !is_adequate(gate.after, options) {
                 list.push(format!(
                     "the held-out events, followed without it ({:.2} per sample), are not with it ({:.2})",
@@ -140,10 +147,14 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
 /// Whether an effect explains what is left so far that its name can stand for it: down to the floor,
 /// or nearly all of it.
 pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
-    let left = (evidence.chi_square_after - options.floor).max(0.0);
-    let before = (evidence.chi_square_before - options.floor).max(f64::MIN_POSITIVE);
     evidence.chi_square_after < options.reached_floors * options.floor
-        || left / before < options.left_share
+        || left_share(evidence, options) < options.left_share
+}
+
+/// What is left above the floor, as a share of what was.
+fn left_share(evidence: &Evidence, options: &ClaimOptions) -> f64 {
+    let left = (evidence.chi_square_after - options.floor).max(0.0);
+    left / (evidence.chi_square_before - options.floor).max(f64::MIN_POSITIVE)
 }
 
 /// Whether the best of the trials leaves so little, and every one outside the answer set so much more,
@@ -276,6 +287,11 @@ mod tests {
         assert!(objections(&gate(0.9), &options).is_empty());
         assert!(objections(&gate(1.6), &options)[0].contains("are not with it (1.60)"));
         assert_eq!(objections(&gate(f64::INFINITY), &options).len(), 1);
+        let weak = Evidence {
+            chi_square_after: 5.0,
+            ..gate(0.9)
+        };
+        assert!(objections(&weak, &options)[0].contains("it leaves 46 %"));
         // Where the fitted events are followed as well, they must fall.
         let near = Evidence {
             chi_square_before: 1.2,

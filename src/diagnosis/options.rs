@@ -49,6 +49,9 @@ pub struct ClaimOptions {
     pub distinct_runner_up: f64,
     /// ... and then needs this share only, of the fitted and of the held-out events, at the floor.
     pub distinct_fall_min: f64,
+    /// Where the held-out events are followed already and the fitted ones are not, an effect may leave at
+    /// most this share of what is above the floor.
+    pub silent_left_share: f64,
     /// A rival is in the answer set when its criterion is behind the best by at most this share of
     /// the best gain ...
     pub rival_share: f64,
@@ -77,6 +80,7 @@ impl Default for ClaimOptions {
             fall_min_at_floor: 0.10,
             distinct_runner_up: 0.6,
             distinct_fall_min: 0.03,
+            silent_left_share: 0.2,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
             delta_bic_near: 10.0,
@@ -99,7 +103,7 @@ impl Default for DiagnosisOptions {
             identification,
             split: EventSplit::default(),
             composed: ComposedFitOptions::default(),
-            refits_max: 8,
+            refits_max: 10,
             claim: ClaimOptions::default(),
             excluded: Vec::new(),
         }

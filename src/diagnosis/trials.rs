@@ -24,6 +24,9 @@ const HOPELESS_GAIN: f64 = 1.0;
 /// Nor one below this part of the least fall that a claim needs: refits gained up to five times their
 /// score.
 const HOPELESS_SHARE: f64 = 0.1;
+/// Where the model leaves more than this per row, a score says little of what has a threshold: it is
+/// refitted whatever its share.
+const FAR_PER_ROW: f64 = 10.0;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
 
@@ -86,7 +89,11 @@ pub(super) fn trials(
     let (mut list, screens) = screened(case, base, &ground, names)?;
     let rows = base.baseline.all.rows as f64;
     let needed = HOPELESS_SHARE * case.options.claim.fall_min;
-    let worth = |t: &Trial| t.score.gain > HOPELESS_GAIN * rows.ln() && t.score_share >= needed;
+    let far = base.chi_square() > FAR_PER_ROW;
+    let worth = |t: &Trial| {
+        let hidden = far && effects::find(t.name()).is_some_and(|e| e.threshold().is_some());
+        t.score.gain > HOPELESS_GAIN * rows.ln() && (t.score_share >= needed || hidden)
+    };
     let refits = list
         .iter()
         .filter(|t| worth(t))

@@ -11,7 +11,6 @@ use super::{
     joint_problem::ProblemOptions,
     precision::Precision,
     robust::{RobustLoss, SampleWeights, sample_weights},
-    scan_comparison::ScanCheck,
 };
 use crate::{disturbance::Window, load_model::Structure};
 

@@ -60,6 +60,25 @@ pub struct Screened {
     candidates: Vec<(usize, Candidate)>,
 }
 
+impl std::fmt::Debug for Screened {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Screened")
+            .field("effect", &self.effect.declaration().name)
+            .field("candidates", &self.candidates.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl std::fmt::Debug for Ground<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Ground")
+            .field("structure", self.structure)
+            .field("events", &self.events.len())
+            .field("origins", &self.origins.len())
+            .finish_non_exhaustive()
+    }
+}
+
 impl Screened {
     /// The best score.
     #[must_use]

@@ -249,27 +249,13 @@ impl ComposedModel {
             self.acting(parameters, &[]),
             self.acting(parameters, wanted),
         );
-        let network = acting
-            .iter()
-            .any(|&e| self.effects[e].0.declaration().acts_on(Place::Feeder));
-        let (mut beside, mut inside): (Vec<usize>, Vec<usize>) =
-            (0..wanted.len()).partition(|&w| !network && self.is_beside_the_states(wanted[w]));
-        let width = if network { LANES - PROBES } else { LANES };
-        // Passes without a lane that acts on the motor take its course from those with one.
-        let measured = self.sees_the_measured_phasor(&acting);
-        let apart =
-            |w: usize| measured && !self.acts_on_motor(parameters, &acting, wanted[w], drive);
-        let (mut lanes, others): (Vec<usize>, Vec<usize>) =
-            inside.iter().partition(|w| !apart(**w));
-        let motors = lanes.len().div_ceil(width);
-        lanes.extend(others);
-        inside = lanes;
-        // What an integration can carry at no cost, where that saves an evaluation.
-        let spare = inside.len().next_multiple_of(width) - inside.len();
-        let left = beside.len().saturating_sub(spare);
-        if left.div_ceil(LANES) < beside.len().div_ceil(LANES) {
-            inside.extend(beside.split_off(left));
-        }
+        let Lanes {
+            network,
+            width,
+            inside,
+            beside,
+            motors,
+        } = self.lanes(parameters, wanted, &acting, drive);
         let plain = |effects: &[usize], kept: &mut Kept| {
             let course = Course::Integrate(kept);
             self.pass::<f64>(drive, &grid, |i| parameters[i], effects, course)
@@ -323,6 +309,43 @@ impl ComposedModel {
             active_derivatives,
             reactive_derivatives,
         })
+    }
+
+    /// How derivatives by the `wanted` parameters share passes.
+    fn lanes(
+        &self,
+        parameters: &[f64],
+        wanted: &[usize],
+        acting: &[usize],
+        drive: &Drive<'_>,
+    ) -> Lanes {
+        let network = acting
+            .iter()
+            .any(|&e| self.effects[e].0.declaration().acts_on(Place::Feeder));
+        let (mut beside, inside): (Vec<usize>, Vec<usize>) =
+            (0..wanted.len()).partition(|&w| !network && self.is_beside_the_states(wanted[w]));
+        let width = if network { LANES - PROBES } else { LANES };
+        // Passes without a lane that acts on the motor take its course from those with one.
+        let measured = self.sees_the_measured_phasor(acting);
+        let apart =
+            |w: usize| measured && !self.acts_on_motor(parameters, acting, wanted[w], drive);
+        let (mut lanes, others): (Vec<usize>, Vec<usize>) =
+            inside.iter().partition(|w| !apart(**w));
+        let motors = lanes.len().div_ceil(width);
+        lanes.extend(others);
+        // What an integration can carry at no cost, where that saves an evaluation.
+        let spare = lanes.len().next_multiple_of(width) - lanes.len();
+        let left = beside.len().saturating_sub(spare);
+        if left.div_ceil(LANES) < beside.len().div_ceil(LANES) {
+            lanes.extend(beside.split_off(left));
+        }
+        Lanes {
+            network,
+            width,
+            inside: lanes,
+            beside,
+            motors,
+        }
     }
 
     /// The effects that take part where derivatives by the `wanted` parameters are asked for, as indices.
@@ -414,6 +437,20 @@ impl ComposedModel {
         };
         (motor, active)
     }
+}
+
+/// How wanted derivatives, as places in the list of the wanted ones, share passes.
+struct Lanes {
+    /// Whether the load is behind a feeder.
+    network: bool,
+    /// Derivatives of one integration.
+    width: usize,
+    /// By integration, those that act on the motor first.
+    inside: Vec<usize>,
+    /// By an evaluation at the output instants.
+    beside: Vec<usize>,
+    /// Integrations with a derivative that acts on the motor.
+    motors: usize,
 }
 
 fn derivatives(series: &[Sensitivity], lane: usize) -> Vec<f64> {
