@@ -21,7 +21,7 @@ use loadmodeld::{
     adapters::recordings::site_folder,
     disturbance::Window,
     identification::{
-        composed::{ComposedFit, ComposedFitOptions, extend, fit},
+        composed::{ComposedFit, ComposedFitOptions, Ground, fit},
         intake::{IntakeOptions, PreparedEvent, prepare},
     },
     load_model::{Structure, composed::ComposedModel},
@@ -216,6 +216,6 @@ fn fitted(site: &SyntheticSite, effect: &str) -> Option<ComposedFit> {
     mild.truncate(events.len().div_ceil(2).max(2));
     let starts = [from(&events), from(&mild)];
     let origins: Vec<&ComposedFit> = starts.iter().flatten().collect();
-    let found = extend(&events, &structure, &origins, effect, &options, &|| false);
-    found.ok()?.fit
+    let ground = Ground::new(&events, &structure, &origins, &options, &|| false);
+    ground.refit(&ground.screen(effect).ok()?)
 }
