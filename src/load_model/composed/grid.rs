@@ -4,10 +4,6 @@ use crate::load_model::{TerminalInput, terminal::DENSE_POINTS};
 
 /// Accuracy of the Runge-Kutta steps: `rate * step <= this` (measured by a test of `composed`).
 const RATE_TIMES_STEP_MAX: f64 = 0.5;
-/// The same where nothing moves: the error of a step is a share of what moves in it.
-const RATE_TIMES_QUIET_STEP_MAX: f64 = 1.0;
-/// Nothing moves where a phasor, and every state in its own unit, moves by less than this in a sample.
-pub(super) const QUIET: f64 = 2e-3;
 /// Substeps per sample at most.
 const SUBSTEPS_MAX: usize = 256;
 
@@ -22,8 +18,6 @@ pub(super) struct Grid {
     pub(super) voltage: Vec<f64>,
     /// Whether the phasor jumps between an output instant and the next.
     pub(super) jump: Vec<bool>,
-    /// Whether the phasor moves by less than [`QUIET`] between a sample and the next.
-    quiet: Vec<bool>,
 }
 
 impl Grid {
@@ -43,26 +37,25 @@ impl Grid {
                 .collect(),
             phasor,
             jump: points.iter().map(jumps).collect(),
-            quiet: quiet(terminal),
         }
     }
 
-    /// Substeps between a sample and the next, a power of two, and the output instants among them;
-    /// `resting` when no state moves.
+    /// Substeps between a sample and the next, a power of two, and the output instants among them.
+    #[allow(
+        clippy::unused_self,
+        reason = "kept beside what else belongs to the grid"
+    )]
     pub(super) fn substeps(
         &self,
         terminal: &TerminalInput,
         sample: usize,
         rate_per_s: f64,
-        resting: bool,
     ) -> (usize, usize) {
-        let (mut substeps, limit) = if resting && self.quiet[sample] {
-            (1, RATE_TIMES_QUIET_STEP_MAX)
-        } else {
-            (2, RATE_TIMES_STEP_MAX)
-        };
+        let mut substeps = 2;
         let interval_s = terminal.sample_interval_s;
-        while substeps < SUBSTEPS_MAX && rate_per_s * interval_s / substeps as f64 > limit {
+        while substeps < SUBSTEPS_MAX
+            && rate_per_s * interval_s / substeps as f64 > RATE_TIMES_STEP_MAX
+        {
             substeps *= 2;
         }
         if terminal.jumps[sample] {
@@ -97,27 +90,6 @@ impl Grid {
         let half = points as f64 / (2 * substeps) as f64;
         [0, 1, 2].map(|i| between(terminal, origin, (2 * j + i) as f64 * half))
     }
-}
-
-fn quiet(terminal: &TerminalInput) -> Vec<bool> {
-    let moves = |series: &[f64]| {
-        let (low, high) = (series.iter())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-                (low.min(*x), high.max(*x))
-            });
-        high - low
-    };
-    let points = terminal.points_per_sample;
-    let still = |sample: usize| {
-        let within = sample * points..=(sample + 1) * points;
-        !terminal.jumps[sample]
-            && [&terminal.real, &terminal.imaginary]
-                .iter()
-                .all(|series| moves(&series[within.clone()]) < QUIET)
-    };
-    (0..terminal.sample_count().saturating_sub(1))
-        .map(still)
-        .collect()
 }
 
 /// The phasor `ahead` fine grid points after `origin`, linear between grid points.

@@ -4,7 +4,7 @@
 use super::{
     Drive, Instant, MotorDescription, Rest, SimulationError, Step, complex,
     feeder::{Implicit, Network, Secant, Solution},
-    grid::{Grid, QUIET},
+    grid::Grid,
     kept::Kept,
     motor::{Motor, MotorState},
     series::{View, frequency_series, measure, seen},
@@ -276,26 +276,6 @@ fn at_rest<S: Pass>(
     })
 }
 
-/// Every state as a number that moves by [`QUIET`] where that is little.
-fn values<S: Pass>(now: &Now<S>) -> impl Iterator<Item = f64> + '_ {
-    /// A rotor's speed compares with rates of some 1/s, fluxes with 1.
-    const SPEED_SCALE_S: f64 = 0.02;
-    let motor = &now.motor;
-    let fluxes = motor.flux.iter().chain(&motor.second);
-    let states = fluxes.chain(&now.effects).map(|x| x.value());
-    std::iter::once(motor.speed_rad_s.value() * SPEED_SCALE_S).chain(states)
-}
-
-/// Whether no state has moved by more than [`QUIET`] since `before`, which becomes now.
-fn has_rested<S: Pass>(now: &Now<S>, before: &mut [f64]) -> bool {
-    let mut rested = true;
-    for (value, before) in values(now).zip(before) {
-        rested &= (value - *before).abs() < QUIET;
-        *before = value;
-    }
-    rested
-}
-
 /// Phasors of a step as constants.
 #[inline]
 fn constants<S: Pass>(u: [[f64; 2]; 3]) -> [[S; 2]; 3] {
@@ -328,15 +308,12 @@ impl<S: Pass> Simulation<'_, '_, S> {
             }
             self.emit(grid, now, output)
         };
-        let mut before: Vec<f64> = values(&now).collect();
         for sample in 0..terminal.sample_count() {
             emit(&mut now, &mut output)?;
             if sample + 1 == terminal.sample_count() {
                 break;
             }
-            let resting = has_rested(&now, &mut before);
-            let rate_per_s = self.rate_per_s(&now);
-            let (substeps, outputs) = grid.substeps(terminal, sample, rate_per_s, resting);
+            let (substeps, outputs) = grid.substeps(terminal, sample, self.rate_per_s(&now));
             let duration_s = terminal.sample_interval_s / substeps as f64;
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
