@@ -11,6 +11,7 @@
 //! more exact path of its own (`induction_motor`); this one is general. Both agree to 1e-4 of P0
 //! (tested).
 
+mod active;
 mod base;
 mod beside;
 pub(super) mod complex;
@@ -41,10 +42,11 @@ use super::{
     effect::{Effect, LANES, Parameter, Place, Role, Sensitivity},
 };
 use crate::numerics::Scalar;
+use active::{Active, Pass};
 use feeder::PROBES;
 use grid::Grid;
 use kept::Kept;
-use run::{Active, Course, Output, Pass};
+use run::{Course, Output};
 
 /// What drives a composed model in one event.
 #[derive(Clone, Copy, Debug)]

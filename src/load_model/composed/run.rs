@@ -2,8 +2,10 @@
 //! then the instrument.
 
 use super::{
-    Drive, Instant, MotorDescription, Rest, SimulationError, Step, complex,
-    feeder::{Implicit, Network, Secant, Solution},
+    Drive, Instant, MotorDescription, Rest, SimulationError, Step,
+    active::{Active, Pass},
+    complex,
+    feeder::{Network, Secant, Solution},
     grid::Grid,
     kept::Kept,
     motor::{Motor, MotorState},
@@ -11,50 +13,8 @@ use super::{
 };
 use crate::load_model::{
     LinearCoefficients, MotorCoordinates,
-    effect::{Declaration, Effect, Equations, Place, Sensitivity},
+    effect::{Equations, Place},
 };
-
-/// The two scalars of a simulation.
-pub(super) trait Pass: Implicit + 'static {
-    fn equations(effect: &dyn Effect) -> &dyn Equations<Self>;
-}
-
-impl Pass for f64 {
-    fn equations(effect: &dyn Effect) -> &dyn Equations<Self> {
-        effect.plain()
-    }
-}
-
-impl Pass for Sensitivity {
-    fn equations(effect: &dyn Effect) -> &dyn Equations<Self> {
-        effect.with_sensitivities()
-    }
-}
-
-/// An effect that takes part in a pass.
-pub(super) struct Active<'a, S> {
-    pub(super) declaration: &'static Declaration,
-    pub(super) equations: &'a dyn Equations<S>,
-    pub(super) parameters: Vec<S>,
-    first_state: usize,
-}
-
-impl<'a, S: Pass> Active<'a, S> {
-    /// With its parameters; its states come after `first_state` others.
-    pub(super) fn new(effect: &'a dyn Effect, parameters: Vec<S>, first_state: usize) -> Self {
-        Self {
-            declaration: effect.declaration(),
-            equations: S::equations(effect),
-            parameters,
-            first_state,
-        }
-    }
-
-    /// One past the last of its states.
-    pub(super) fn end(&self) -> usize {
-        self.first_state + self.declaration.states.len()
-    }
-}
 
 /// How a pass comes to its states.
 pub(super) enum Course<'k> {

@@ -3,8 +3,9 @@
 
 use super::{
     Drive, FrequencyCourse, Seen, Series,
+    active::{Active, Pass},
     grid::Grid,
-    run::{Active, Output, Pass},
+    run::Output,
 };
 use crate::{load_model::effect::Place, numerics::Elementary};
 
