@@ -10,6 +10,9 @@
 //! Woodbury's identity on the Gram matrices: no extra simulation, and events whose composition
 //! deviates do not bend the shared parameters.
 
+mod options;
+mod rough;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::{DMatrix, DVector, SMatrix};
@@ -29,6 +32,9 @@ use crate::{
         quadratic_program::{LinearConstraints, QuadraticProgram},
     },
 };
+
+pub use options::ProblemOptions;
+pub(super) use rough::Rough;
 
 /// Outer unknowns: ln alpha, ln nu, kappa.
 pub const OUTER: usize = 3;
@@ -51,41 +57,6 @@ const EXPANSIONS_AT_ONCE: usize = 16;
 
 /// Names of the outer unknowns, in order.
 pub const OUTER_NAMES: [&str; OUTER] = ["ln_alpha", "ln_nu", "kappa"];
-
-/// Settings of the joint problem.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProblemOptions {
-    /// Bounds of the linear coefficients relative to P0, in the order of [`LinearCoefficients`].
-    /// Default: wide (`effects.md`: measured appliances go far outside the paper's box).
-    pub linear_lower: [f64; LINEAR],
-    /// Upper bounds.
-    pub linear_upper: [f64; LINEAR],
-    /// Bounds of the shares `P_Z` and `P_P` of the static active power, as in the paper's box (14),
-    /// which also raises the least motor share to 0.1. Default none. The shares of the static
-    /// reactive power have no such box here: they depend on the reactance that the data leave open.
-    pub static_shares: Option<(f64, f64)>,
-    /// Standard deviation of the linear coefficients from event to event, relative to P0.
-    /// Default 0.025 for the motor share, 0.02 for the others; 0 = the same in every event.
-    pub composition_spread: [f64; LINEAR],
-    /// Standard deviation of a weak prior on the static coefficients around 0.2: it decides only
-    /// what the data leave open. Default 1.
-    pub static_prior_deviation: f64,
-    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`). Default no.
-    pub frequency_scaled_power: bool,
-}
-
-impl Default for ProblemOptions {
-    fn default() -> Self {
-        Self {
-            linear_lower: [0.02, -0.4, -0.8, -1.5, -2.0],
-            linear_upper: [0.95, 1.2, 1.4, 2.0, 2.5],
-            static_shares: None,
-            composition_spread: [0.025, 0.02, 0.02, 0.02, 0.02],
-            static_prior_deviation: 1.0,
-            frequency_scaled_power: false,
-        }
-    }
-}
 
 /// Search box of the outer unknowns: alpha 0.5 to 300 1/s, nu 0.5 to 40000 1/s^2, kappa 0.01 to
 /// 0.995. It contains the rows of the paper's Table 1 and every motor of `docs/validation.md`; a flux that settles
@@ -281,7 +252,7 @@ impl<'a> JointProblem<'a> {
         &self,
         motors: &[MotorCoordinates<A>],
         derivatives: usize,
-        gram: &(dyn Fn(&EventColumns<'_>, &mut [f64], &MotorCoordinates<A>) -> Gram + Sync),
+        gram: &GramOf<'_, A>,
         simulate: &Simulate<'_, A>,
     ) -> Vec<Option<Vec<Marginal>>> {
         let of_events: Vec<Vec<Option<Marginal>>> = (self.events.par_iter())
@@ -578,61 +549,6 @@ impl Objective for JointProblem<'_> {
     }
 }
 
-/// The problem with simulations that are good enough to find the way, but not to end it.
-#[derive(Debug)]
-pub(super) struct Rough<'a, 'e> {
-    problem: &'a JointProblem<'e>,
-    effort: Effort,
-}
-
-impl<'a, 'e> Rough<'a, 'e> {
-    /// Steps with errors below 1e-4 of the motor's power, a tenth of the noise of any recording; away from
-    /// transients far below.
-    pub(super) const fn new(problem: &'a JointProblem<'e>) -> Self {
-        Self::loose(problem, 100_000)
-    }
-
-    /// Errors of up to 1e-3, for a scan whose cells differ by more.
-    pub(super) const fn for_scan(problem: &'a JointProblem<'e>) -> Self {
-        Self::loose(problem, 1_000_000)
-    }
-
-    /// Everything at a point.
-    pub(super) fn point(&self, x: &DVector<f64>) -> Option<JointPoint> {
-        let points = self.problem.points_to(std::slice::from_ref(x), self.effort);
-        points.into_iter().next().flatten()
-    }
-
-    const fn loose(problem: &'a JointProblem<'e>, looseness: u32) -> Self {
-        Self {
-            problem,
-            effort: Effort::Rough { looseness },
-        }
-    }
-}
-
-impl Objective for Rough<'_, '_> {
-    fn dimension(&self) -> usize {
-        OUTER
-    }
-
-    fn value(&self, x: &DVector<f64>) -> Option<f64> {
-        self.values(std::slice::from_ref(x)).pop().flatten()
-    }
-
-    fn values(&self, points: &[DVector<f64>]) -> Vec<Option<f64>> {
-        self.problem.values_to(points, self.effort)
-    }
-
-    fn expansion(&self, x: &DVector<f64>) -> Option<Expansion> {
-        self.expansions(std::slice::from_ref(x)).pop().flatten()
-    }
-
-    fn expansions(&self, points: &[DVector<f64>]) -> Vec<Option<Expansion>> {
-        self.problem.expansions_to(points, self.effort)
-    }
-}
-
 /// Orthonormal basis of the vectors that every row maps to zero.
 fn null_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
     let eigen = (rows.transpose() * rows).symmetric_eigen();
@@ -643,6 +559,10 @@ fn null_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
         .collect();
     DMatrix::from_fn(LINEAR, columns.len(), |i, j| columns[j][i])
 }
+
+/// How the series of a motor become an event's Gram matrix.
+type GramOf<'s, A> =
+    dyn Fn(&EventColumns<'_>, &mut [f64], &MotorCoordinates<A>) -> Gram + Sync + 's;
 
 /// How the motors of some points are simulated on an event.
 type Simulate<'s, A> = dyn Fn(&[MotorCoordinates<A>], &EventColumns<'_>, &mut KeptSeries) -> Vec<Result<(), Infeasible>>

@@ -62,7 +62,7 @@ impl Objective for Scaled<'_> {
     }
 
     fn expansion(&self, u: &DVector<f64>) -> Option<Expansion> {
-        self.scaled(self.objective.expansion(&u.component_mul(&self.spans))?)
+        Some(self.scaled(&self.objective.expansion(&u.component_mul(&self.spans))?))
     }
 
     fn expansions(&self, points: &[DVector<f64>]) -> Vec<Option<Expansion>> {
@@ -70,20 +70,16 @@ impl Objective for Scaled<'_> {
             .map(|u| u.component_mul(&self.spans))
             .collect();
         let expansions = self.objective.expansions(&points).into_iter();
-        expansions.map(|at| self.scaled(at?)).collect()
+        expansions.map(|at| Some(self.scaled(&at?))).collect()
     }
 }
 
 impl Scaled<'_> {
-    #[allow(
-        clippy::unnecessary_wraps,
-        reason = "its callers hold what may not exist"
-    )]
-    fn scaled(&self, at: Expansion) -> Option<Expansion> {
-        Some(Expansion {
+    fn scaled(&self, at: &Expansion) -> Expansion {
+        Expansion {
             value: at.value,
             gradient: at.gradient.component_mul(&self.spans),
             curvature: self.scaled_curvature(&at.curvature),
-        })
+        }
     }
 }
