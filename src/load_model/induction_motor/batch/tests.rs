@@ -1,4 +1,5 @@
 use super::*;
+use crate::numerics::Scalar;
 
 const FULL_TURN: f64 = 376.99;
 const ROUGH: Effort = Effort::Rough { looseness: 10_000 };
