@@ -14,14 +14,14 @@ const REGISTER_LANES_MAX: usize = 8;
 pub(super) const LANES_MAX: usize = REGISTER_LANES_MAX * 3;
 
 /// `W` vector registers side by side.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Lanes<S: Simd, const W: usize> {
     simd: S,
     v: [S::f64s; W],
 }
 
 /// One truth value per lane.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Mask<S: Simd, const W: usize> {
     simd: S,
     m: [S::m64s; W],
@@ -205,7 +205,7 @@ pub type Slopes = Sensitivities<{ SLOPES.div_ceil(2) }>;
 
 /// `W` vector registers of numbers, each with its derivatives: lane by lane the arithmetic of
 /// [`Sensitivities`], with its bits.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Sloped<S: Simd, const W: usize> {
     value: Lanes<S, W>,
     slopes: [Lanes<S, W>; SLOPES],
