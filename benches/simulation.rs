@@ -14,7 +14,7 @@
 use loadmodeld::{
     load_model::{
         MotorCoordinates, MotorOutput, TerminalInput,
-        induction_motor::{BatchSink, Effort, simulate_batch},
+        induction_motor::{BatchInput, BatchSink, Effort, simulate_batch},
     },
     numerics::Dual,
 };
@@ -171,6 +171,10 @@ fn side_by_side(input: &TerminalInput) {
     let efforts = [
         ("side by side, exact       ", Effort::Exact),
         (
+            "side by side, rough       ",
+            Effort::Rough { looseness: 100_000 },
+        ),
+        (
             "side by side, 1 fixed step",
             Effort::Fixed {
                 steps_per_sample: 1,
@@ -189,9 +193,10 @@ fn side_by_side(input: &TerminalInput) {
             },
         ),
     ];
+    let input = BatchInput::new(input);
     for (name, effort) in efforts {
         let batch = best_us(20, || {
-            black_box(simulate_batch(&motors, input, effort, &mut sums));
+            black_box(simulate_batch(&motors, &input, effort, &mut sums));
         }) / BATCH as f64;
         println!("{name} {batch:8.2}   {:5.1} times faster", alone / batch);
     }

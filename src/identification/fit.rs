@@ -57,7 +57,7 @@ impl Default for SearchOptions {
             // What lies behind a local solution with half as much squared error again describes
             // another load; where it lies exactly is of no interest either.
             explore_within: 1.5,
-            coarse_decrease_relative: 1e-3,
+            coarse_decrease_relative: 5e-3,
             evaluations_max: 4000,
             ..trust_tech::Options::default()
         };

@@ -8,6 +8,7 @@
 //! fixed number of partial sums: the order does not depend on the instruction set.
 
 use nalgebra::SMatrix;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::{
     intake::PreparedEvent,
@@ -15,7 +16,10 @@ use super::{
     measurement_chain::{FilteredSample, StaticResponse},
 };
 use crate::{
-    load_model::{MotorOutput, induction_motor::BatchSink},
+    load_model::{
+        MotorOutput,
+        induction_motor::{BatchInput, BatchSink},
+    },
     numerics::Scalar,
 };
 
@@ -74,51 +78,73 @@ pub(super) fn motor_change<S: Scalar>(
     event.chain.measured(&active, &reactive)
 }
 
-/// What a motor draws at the output instants, P then Q, filled up to a whole number of [`LANES`].
-pub(super) type Series<'a> = [&'a mut [f64]; 2];
-
-/// What the motors of a batch draw, kept per motor: P, then Q.
+/// What the motors of a batch draw at the output instants, kept per motor: the derivatives in order, then the
+/// power itself; of each P, then Q, filled up to a whole number of [`LANES`].
 pub(super) struct KeptSeries {
     length: usize,
+    derivatives: usize,
     powers: Vec<f64>,
 }
 
 impl KeptSeries {
-    /// Room for `motors` series of `length`.
-    pub(super) fn new(motors: usize, length: usize) -> Self {
+    /// Room for `motors` series of `length`, each with so many derivatives.
+    pub(super) fn new(motors: usize, derivatives: usize, length: usize) -> Self {
         Self {
             length,
-            powers: vec![0.0; 2 * motors * length],
+            derivatives,
+            powers: vec![0.0; motors * 2 * (derivatives + 1) * length],
         }
     }
 
     /// The series of each motor, in order.
-    pub(super) fn series(&mut self) -> impl Iterator<Item = Series<'_>> {
-        (self.powers.chunks_exact_mut(2 * self.length)).map(|both| {
-            let (active, reactive) = both.split_at_mut(self.length);
-            [active, reactive]
-        })
+    pub(super) fn of_motors(&mut self) -> impl Iterator<Item = &mut [f64]> {
+        let size = 2 * (self.derivatives + 1) * self.length;
+        self.powers.chunks_exact_mut(size)
     }
-}
 
-impl BatchSink for KeptSeries {
     #[allow(
         clippy::inline_always,
         reason = "compiled for the instruction set of the simulation"
     )]
     #[inline(always)]
-    fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]) {
-        for ((motor, p), q) in motors.iter().zip(active).zip(reactive) {
-            let at = 2 * motor * self.length + instant;
+    fn keep(&mut self, column: usize, instant: usize, motors: &[usize], powers: [&[f64]; 2]) {
+        let columns = self.derivatives + 1;
+        for ((motor, p), q) in motors.iter().zip(powers[0]).zip(powers[1]) {
+            let at = 2 * (motor * columns + column) * self.length + instant;
             self.powers[at] = *p;
             self.powers[at + self.length] = *q;
         }
     }
 }
 
+#[allow(
+    clippy::inline_always,
+    reason = "compiled for the instruction set of the simulation"
+)]
+impl BatchSink for KeptSeries {
+    #[inline(always)]
+    fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]) {
+        self.keep(self.derivatives, instant, motors, [active, reactive]);
+    }
+
+    #[inline(always)]
+    fn slope(
+        &mut self,
+        instant: usize,
+        motors: &[usize],
+        index: usize,
+        active: &[f64],
+        reactive: &[f64],
+    ) {
+        self.keep(index, instant, motors, [active, reactive]);
+    }
+}
+
 /// What an event's Gram matrix is made of besides the motor's columns.
 #[derive(Debug)]
 pub(super) struct EventColumns<'a> {
+    /// The event's input, made ready.
+    pub(super) input: BatchInput<'a>,
     /// Products of the fixed columns among themselves.
     fixed: Gram,
     /// `f / f0` at the output instants where the motor's power follows it.
@@ -143,6 +169,7 @@ impl<'a> EventColumns<'a> {
         let instants = event.input.output_count();
         let blocks = instants.div_ceil(LANES);
         let mut columns = Self {
+            input: BatchInput::new(&event.input),
             fixed: Gram::zeros(),
             frequency: frequency_scaled.then(|| {
                 let deviation = event.chain.output_frequency_deviation();
@@ -203,39 +230,32 @@ impl<'a> EventColumns<'a> {
         self.weighted[0].len() * LANES
     }
 
-    /// The Gram matrix without sensitivities: those columns stay zero. `series` is what the motor
-    /// draws; it is overwritten.
-    pub(super) fn plain_gram(&self, [active, reactive]: Series<'_>, rest: f64) -> Gram {
-        self.scale_with_frequency(active);
-        subtract(active, 1.0);
-        subtract(reactive, rest);
-        self.gram(&[[active, reactive]])
+    /// The Gram matrix without sensitivities: those columns stay zero. `series` is what the motor draws (see
+    /// [`KeptSeries`]); it is overwritten.
+    pub(super) fn plain_gram(&self, series: &mut [f64], rest: f64) -> Gram {
+        self.filled_gram::<1>(series, &[rest])
     }
 
     /// The Gram matrix with sensitivities.
-    pub(super) fn sensitivity_gram(
-        &self,
-        out: &MotorOutput<OuterSensitivities>,
-        rest: OuterSensitivities,
-    ) -> Gram {
-        let length = self.series_length();
-        let mut series = vec![0.0; 2 * (OUTER + 1) * length];
-        let mut parts = series.chunks_exact_mut(length);
-        let mut columns: [[&mut [f64]; 2]; OUTER + 1] =
-            std::array::from_fn(|_| [(); 2].map(|()| parts.next().unwrap_or_default()));
-        for (channel, output) in [&out.active, &out.reactive].into_iter().enumerate() {
-            for (k, x) in output.iter().enumerate() {
-                for (i, column) in columns.iter_mut().enumerate() {
-                    column[channel][k] = component(x, i);
-                }
-            }
-        }
-        for (i, [active, reactive]) in columns.iter_mut().enumerate() {
+    pub(super) fn sensitivity_gram(&self, series: &mut [f64], rest: OuterSensitivities) -> Gram {
+        let rest: [f64; OUTER + 1] = std::array::from_fn(|i| component(&rest, i));
+        self.filled_gram(series, &rest)
+    }
+
+    fn filled_gram<const N: usize>(&self, series: &mut [f64], rest: &[f64; N]) -> Gram {
+        let mut parts = series.chunks_exact_mut(self.series_length());
+        let columns: [[&[f64]; 2]; N] = std::array::from_fn(|i| {
+            let [active, reactive] = [(); 2].map(|()| parts.next().unwrap_or_default());
             self.scale_with_frequency(active);
-            subtract(active, if i == MOTOR { 1.0 } else { 0.0 });
-            subtract(reactive, component(&rest, i));
-        }
-        self.gram(&columns.each_ref().map(|pair| pair.each_ref().map(|s| &**s)))
+            subtract(active, if i + 1 == N { 1.0 } else { 0.0 });
+            subtract(reactive, rest[i]);
+            [&*active, &*reactive]
+        });
+        // The sums are in a fixed order, so that the instruction set changes their speed alone.
+        Arch::new().dispatch(GramOf {
+            event: self,
+            columns: &columns,
+        })
     }
 
     fn scale_with_frequency(&self, active: &mut [f64]) {
@@ -247,6 +267,11 @@ impl<'a> EventColumns<'a> {
     }
 
     /// The Gram matrix with the last `N` columns up to the motor's.
+    #[allow(
+        clippy::inline_always,
+        reason = "compiled for the instruction set at hand"
+    )]
+    #[inline(always)]
     fn gram<const N: usize>(&self, columns: &[[&[f64]; 2]; N]) -> Gram {
         let first = FIRST_FIXED - N;
         let mut gram = self.fixed;
@@ -268,6 +293,25 @@ impl<'a> EventColumns<'a> {
         }
         gram.fill_lower_triangle_with_upper_triangle();
         gram
+    }
+}
+
+/// The call of [`EventColumns::gram`] on the instruction set at hand.
+struct GramOf<'a, const N: usize> {
+    event: &'a EventColumns<'a>,
+    columns: &'a [[&'a [f64]; 2]; N],
+}
+
+impl<const N: usize> WithSimd for GramOf<'_, N> {
+    type Output = Gram;
+
+    #[allow(
+        clippy::inline_always,
+        reason = "compiled for the instruction set at hand"
+    )]
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Gram {
+        self.event.gram(self.columns)
     }
 }
 
@@ -320,6 +364,11 @@ fn subtract(series: &mut [f64], rest: f64) {
     }
 }
 
+#[allow(
+    clippy::inline_always,
+    reason = "compiled for the instruction set at hand"
+)]
+#[inline(always)]
 /// Sums of a column times the weighted fixed ones; `weighted` becomes the column times its weight.
 fn with_fixed(column: &[f64], fixed: &[[Lanes; FILLED]], weighted: &mut [Lanes]) -> [f64; FILLED] {
     let mut sums = [[0.0; LANES]; FILLED];
@@ -336,6 +385,11 @@ fn with_fixed(column: &[f64], fixed: &[[Lanes; FILLED]], weighted: &mut [Lanes])
     sums.map(together)
 }
 
+#[allow(
+    clippy::inline_always,
+    reason = "compiled for the instruction set at hand"
+)]
+#[inline(always)]
 fn product(weighted: &[Lanes], column: &[f64]) -> f64 {
     let mut sum = [0.0; LANES];
     for (w, x) in weighted.iter().zip(column.chunks_exact(LANES)) {

@@ -10,9 +10,13 @@
 //! Woodbury's identity on the Gram matrices: no extra simulation, and events whose composition
 //! deviates do not bend the shared parameters.
 
+mod options;
+mod rough;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use nalgebra::{DMatrix, DVector, SMatrix};
+use rayon::prelude::*;
 
 use super::{
     gram::{COLUMNS, EventColumns, Gram, KeptSeries, Y},
@@ -20,14 +24,17 @@ use super::{
 };
 use crate::{
     load_model::{
-        LinearCoefficients, MotorCoordinates, MotorOutput,
-        induction_motor::{Effort, simulate_batch},
+        Infeasible, LinearCoefficients, MotorCoordinates,
+        induction_motor::{Effort, LaneScalar, simulate_batch, simulate_batch_with_slopes},
     },
     numerics::{
         Bounds, Expansion, Objective, Scalar, Sensitivities,
         quadratic_program::{LinearConstraints, QuadraticProgram},
     },
 };
+
+pub use options::ProblemOptions;
+pub(super) use rough::Rough;
 
 /// Outer unknowns: ln alpha, ln nu, kappa.
 pub const OUTER: usize = 3;
@@ -45,44 +52,11 @@ const PAPER_MOTOR_SHARE_MIN: f64 = 0.1;
 
 /// Points that [`JointProblem`] simulates at once: their outputs fit into a processor's own cache.
 const POINTS_AT_ONCE: usize = 64;
+/// The same with sensitivities, which are four times as many numbers.
+const EXPANSIONS_AT_ONCE: usize = 16;
 
 /// Names of the outer unknowns, in order.
 pub const OUTER_NAMES: [&str; OUTER] = ["ln_alpha", "ln_nu", "kappa"];
-
-/// Settings of the joint problem.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProblemOptions {
-    /// Bounds of the linear coefficients relative to P0, in the order of [`LinearCoefficients`].
-    /// Default: wide (`effects.md`: measured appliances go far outside the paper's box).
-    pub linear_lower: [f64; LINEAR],
-    /// Upper bounds.
-    pub linear_upper: [f64; LINEAR],
-    /// Bounds of the shares `P_Z` and `P_P` of the static active power, as in the paper's box (14),
-    /// which also raises the least motor share to 0.1. Default none. The shares of the static
-    /// reactive power have no such box here: they depend on the reactance that the data leave open.
-    pub static_shares: Option<(f64, f64)>,
-    /// Standard deviation of the linear coefficients from event to event, relative to P0.
-    /// Default 0.025 for the motor share, 0.02 for the others; 0 = the same in every event.
-    pub composition_spread: [f64; LINEAR],
-    /// Standard deviation of a weak prior on the static coefficients around 0.2: it decides only
-    /// what the data leave open. Default 1.
-    pub static_prior_deviation: f64,
-    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`). Default no.
-    pub frequency_scaled_power: bool,
-}
-
-impl Default for ProblemOptions {
-    fn default() -> Self {
-        Self {
-            linear_lower: [0.02, -0.4, -0.8, -1.5, -2.0],
-            linear_upper: [0.95, 1.2, 1.4, 2.0, 2.5],
-            static_shares: None,
-            composition_spread: [0.025, 0.02, 0.02, 0.02, 0.02],
-            static_prior_deviation: 1.0,
-            frequency_scaled_power: false,
-        }
-    }
-}
 
 /// Search box of the outer unknowns: alpha 0.5 to 300 1/s, nu 0.5 to 40000 1/s^2, kappa 0.01 to
 /// 0.995. It contains the rows of the paper's Table 1 and every motor of `docs/validation.md`; a flux that settles
@@ -219,23 +193,26 @@ impl<'a> JointProblem<'a> {
 
     /// The Gram matrix of each event with sensitivities, random effects removed.
     fn sensitivity_sums(&self, x: &DVector<f64>) -> Option<Vec<Marginal>> {
-        let motor = MotorCoordinates {
-            alpha_per_s: OuterSensitivities::variable(x[0], 0).exp(),
-            nu_per_s2: OuterSensitivities::variable(x[1], 1).exp(),
-            kappa: OuterSensitivities::variable(x[2], 2),
+        self.sensitivity_sums_of(std::slice::from_ref(x), Effort::Exact)
+            .pop()
+            .flatten()
+    }
+
+    /// The same for several points, simulated side by side; none has bits that depend on the others.
+    fn sensitivity_sums_of(
+        &self,
+        points: &[DVector<f64>],
+        effort: Effort,
+    ) -> Vec<Option<Vec<Marginal>>> {
+        let motors: Vec<_> = points.iter().map(sensitive_coordinates).collect();
+        let of_event = |event: &EventColumns<'_>, series: &mut [f64], motor: &Motor| {
+            event.sensitivity_gram(series, reactive_at_rest(motor))
         };
-        let mut out = MotorOutput::default();
-        let mut sums = Vec::with_capacity(self.events.len());
-        for (event, columns) in self.events.iter().zip(&self.columns) {
-            if (self.cancel)() {
-                return None;
-            }
-            self.sensitivity_simulations.fetch_add(1, Ordering::Relaxed);
-            motor.simulate(&event.input, &mut out).ok()?;
-            let rest = reactive_at_rest(&motor);
-            sums.push(self.marginal(event, &columns.sensitivity_gram(&out, rest)));
-        }
-        Some(sums)
+        self.sensitivity_simulations
+            .fetch_add((points.len() * self.events.len()) as u64, Ordering::Relaxed);
+        self.marginals(&motors, OUTER, &of_event, &|motors, event, kept| {
+            simulate_batch_with_slopes(motors, &event.input, effort, kept)
+        })
     }
 
     /// The objective, given the sum of the Gram matrices.
@@ -248,53 +225,64 @@ impl<'a> JointProblem<'a> {
 
     /// The Gram matrices of all events without sensitivities, random effects removed.
     fn plain_sum(&self, x: &DVector<f64>) -> Option<Gram> {
-        let motor = motor_coordinates(x);
-        let rest = reactive_at_rest(&motor);
-        let mut out = MotorOutput::default();
-        let mut sum = Gram::zeros();
-        for (event, columns) in self.events.iter().zip(&self.columns) {
-            if (self.cancel)() {
-                return None;
-            }
-            self.simulations.fetch_add(1, Ordering::Relaxed);
-            motor.simulate(&event.input, &mut out).ok()?;
-            let length = columns.series_length();
-            out.active.resize(length, 0.0);
-            out.reactive.resize(length, 0.0);
-            let gram = columns.plain_gram([&mut out.active, &mut out.reactive], rest);
-            sum += self.marginal(event, &gram).gram;
-        }
-        Some(sum)
+        self.plain_sums(std::slice::from_ref(x), Effort::Exact)
+            .pop()
+            .flatten()
     }
 
     /// As [`plain_sum`](Self::plain_sum) for several points, bit by bit: simulated side by side, each
     /// summed by itself.
-    fn plain_sums(&self, points: &[DVector<f64>]) -> Vec<Option<Gram>> {
-        let mut sums = vec![Some(Gram::zeros()); points.len()];
-        for (event, columns) in self.events.iter().zip(&self.columns) {
-            if (self.cancel)() {
-                return vec![None; points.len()];
-            }
-            let (indices, motors): (Vec<usize>, Vec<_>) = (0..points.len())
-                .filter(|&i| sums[i].is_some())
-                .map(|i| (i, motor_coordinates(&points[i])))
-                .unzip();
-            self.simulations
-                .fetch_add(motors.len() as u64, Ordering::Relaxed);
-            let mut kept = KeptSeries::new(motors.len(), columns.series_length());
-            let verdicts = simulate_batch(&motors, &event.input, Effort::Exact, &mut kept);
-            for (((index, motor), verdict), series) in (indices.iter().zip(&motors))
-                .zip(verdicts)
-                .zip(kept.series())
-            {
-                let marginal = verdict.ok().map(|()| {
-                    let gram = columns.plain_gram(series, reactive_at_rest(motor));
-                    self.marginal(event, &gram).gram
+    fn plain_sums(&self, points: &[DVector<f64>], effort: Effort) -> Vec<Option<Gram>> {
+        let motors: Vec<_> = points.iter().map(motor_coordinates).collect();
+        let of_event =
+            |event: &EventColumns<'_>, series: &mut [f64], motor: &MotorCoordinates<f64>| {
+                event.plain_gram(series, reactive_at_rest(motor))
+            };
+        self.simulations
+            .fetch_add((points.len() * self.events.len()) as u64, Ordering::Relaxed);
+        let marginals = self.marginals(&motors, 0, &of_event, &|motors, event, kept| {
+            simulate_batch(motors, &event.input, effort, kept)
+        });
+        (marginals.iter().map(|events| Some(total(events.as_ref()?)))).collect()
+    }
+
+    /// Of each motor, every event's Gram matrix without its random effects; none where an event has no
+    /// steady state. Events are simulated in parallel.
+    fn marginals<A: LaneScalar + Sync>(
+        &self,
+        motors: &[MotorCoordinates<A>],
+        derivatives: usize,
+        gram: &GramOf<'_, A>,
+        simulate: &Simulate<'_, A>,
+    ) -> Vec<Option<Vec<Marginal>>> {
+        let of_events: Vec<Vec<Option<Marginal>>> = (self.events.par_iter())
+            .zip(&self.columns)
+            .map(|(event, columns)| {
+                if (self.cancel)() {
+                    return motors.iter().map(|_| None).collect();
+                }
+                let length = columns.series_length();
+                let mut kept = KeptSeries::new(motors.len(), derivatives, length);
+                let verdicts = simulate(motors, columns, &mut kept);
+                (motors.iter().zip(verdicts).zip(kept.of_motors()))
+                    .map(|((motor, verdict), series)| {
+                        verdict.ok()?;
+                        Some(self.marginal(event, &gram(columns, series, motor)))
+                    })
+                    .collect()
+            })
+            .collect();
+        let mut of_motors: Vec<Option<Vec<Marginal>>> =
+            motors.iter().map(|_| Some(Vec::new())).collect();
+        for of_event in of_events {
+            for (all, more) in of_motors.iter_mut().zip(of_event) {
+                *all = all.take().zip(more).map(|(mut all, more)| {
+                    all.push(more);
+                    all
                 });
-                sums[*index] = sums[*index].zip(marginal).map(|(sum, more)| sum + more);
             }
         }
-        sums
+        of_motors
     }
 
     /// Removes the random effects: `G_aa - G_af (I + G_ff)^-1 G_fa`, with the random columns scaled
@@ -328,6 +316,37 @@ impl<'a> JointProblem<'a> {
                 share_deviation: [f64::NAN; COLUMNS],
             },
         }
+    }
+
+    fn values_to(&self, points: &[DVector<f64>], effort: Effort) -> Vec<Option<f64>> {
+        let mut values = Vec::with_capacity(points.len());
+        for some in points.chunks(POINTS_AT_ONCE) {
+            let sums = self.plain_sums(some, effort).into_iter();
+            values.extend(sums.map(|sum| self.value_of(&sum?)));
+        }
+        values
+    }
+
+    fn points_to(&self, points: &[DVector<f64>], effort: Effort) -> Vec<Option<JointPoint>> {
+        let mut found = Vec::with_capacity(points.len());
+        for some in points.chunks(EXPANSIONS_AT_ONCE) {
+            let sums = self.sensitivity_sums_of(some, effort).into_iter();
+            found.extend(sums.map(|sums| self.solve(&sums?).filter(|p| p.objective.is_finite())));
+        }
+        found
+    }
+
+    fn expansions_to(&self, points: &[DVector<f64>], effort: Effort) -> Vec<Option<Expansion>> {
+        let points = self.points_to(points, effort).into_iter();
+        let expansion = |point: Option<JointPoint>| {
+            let point = point?;
+            Some(Expansion {
+                value: point.objective,
+                curvature: point.reduced_curvature(),
+                gradient: point.gradient,
+            })
+        };
+        points.map(expansion).collect()
     }
 
     fn prior(&self) -> ([f64; LINEAR], [f64; LINEAR]) {
@@ -518,22 +537,15 @@ impl Objective for JointProblem<'_> {
     /// As [`value`](Self::value), bit by bit, whatever the other points: the motors are simulated side by
     /// side and everything after that is done for each point by itself.
     fn values(&self, points: &[DVector<f64>]) -> Vec<Option<f64>> {
-        let mut values = Vec::with_capacity(points.len());
-        for some in points.chunks(POINTS_AT_ONCE) {
-            let sums = self.plain_sums(some).into_iter();
-            values.extend(sums.map(|sum| self.value_of(&sum?)));
-        }
-        values
+        self.values_to(points, Effort::Exact)
     }
 
     fn expansion(&self, x: &DVector<f64>) -> Option<Expansion> {
-        let point = self.point(x)?;
-        let curvature = point.reduced_curvature();
-        Some(Expansion {
-            value: point.objective,
-            gradient: point.gradient,
-            curvature,
-        })
+        self.expansions(std::slice::from_ref(x)).pop().flatten()
+    }
+
+    fn expansions(&self, points: &[DVector<f64>]) -> Vec<Option<Expansion>> {
+        self.expansions_to(points, Effort::Exact)
     }
 }
 
@@ -546,6 +558,25 @@ fn null_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
         .map(|i| eigen.eigenvectors.column(i).into_owned())
         .collect();
     DMatrix::from_fn(LINEAR, columns.len(), |i, j| columns[j][i])
+}
+
+/// How the series of a motor become an event's Gram matrix.
+type GramOf<'s, A> =
+    dyn Fn(&EventColumns<'_>, &mut [f64], &MotorCoordinates<A>) -> Gram + Sync + 's;
+
+/// How the motors of some points are simulated on an event.
+type Simulate<'s, A> = dyn Fn(&[MotorCoordinates<A>], &EventColumns<'_>, &mut KeptSeries) -> Vec<Result<(), Infeasible>>
+    + Sync
+    + 's;
+
+type Motor = MotorCoordinates<OuterSensitivities>;
+
+fn sensitive_coordinates(x: &DVector<f64>) -> Motor {
+    MotorCoordinates {
+        alpha_per_s: OuterSensitivities::variable(x[0], 0).exp(),
+        nu_per_s2: OuterSensitivities::variable(x[1], 1).exp(),
+        kappa: OuterSensitivities::variable(x[2], 2),
+    }
 }
 
 /// The motor of a point of the search.

@@ -7,14 +7,16 @@ use super::{
     evaluate::FittedModel,
     fit::{FitSolution, SearchOptions},
     intake::PreparedEvent,
-    joint_problem::{JointProblem, LINEAR, OUTER, motor_coordinates, outer_bounds},
+    joint_problem::{JointProblem, LINEAR, OUTER, Rough, motor_coordinates, outer_bounds},
     paper_problem::PaperProblem,
 };
 use crate::{
     load_model::LinearCoefficients,
     numerics::{
-        Bounds, LocalSolution, grid_scan,
-        trust_tech::{self, ConstrainedProblem, Ended, FoundSolution, Starts},
+        Bounds, LocalSolution, Objective, grid_scan, local_solver,
+        trust_tech::{
+            self, ConstrainedProblem, DirectionOutcome, Ended, FoundSolution, Search, Starts,
+        },
     },
 };
 
@@ -28,6 +30,15 @@ pub(super) struct Located {
 /// Start inside the physical range, where no cell of the scan is feasible: an aggregated motor of
 /// ordinary data (`effects.md`).
 const PHYSICAL_START: [f64; OUTER] = [3.4, 7.0, 0.4];
+
+/// Cells of a scan of the box's face of least alpha, made where a solution that is worth exploring lies on
+/// it: a rotor that swings undamped leaves a row of minima along nu, closer to one another than the cells of
+/// the other scans.
+const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
+/// Decreases of the objective, relative and absolute, that are not worth a step before solutions are made
+/// exact: far below what tells two solutions apart.
+const ROUGH_DECREASE: f64 = 1e-6;
+const ROUGH_DECREASE_ABSOLUTE: f64 = 1e-4;
 
 /// Two solutions are one when their outer coordinates differ by less than this share of the box.
 const SAME_COORDINATES: f64 = 2e-3;
@@ -57,22 +68,34 @@ pub(super) fn reduced(
         };
         is_same(a, b, &bounds, close)
     };
+    let (rough, for_scan) = (Rough::new(problem), Rough::for_scan(problem));
     let first = scan_starts(
-        problem,
+        &for_scan,
         &bounds,
         (options.start_cells, options.starts_max),
         cancel,
     );
     let second = |found: &[FoundSolution]| {
-        let worth = competing(found, options.trust_tech.explore_within);
-        if options.second_starts_max == 0 || worth < 2 {
-            return Vec::new();
+        let worth = worth_exploring_below(found, options.trust_tech.explore_within);
+        let worth: Vec<_> = (found.iter().filter(|f| f.local.value <= worth)).collect();
+        let mut starts = Vec::new();
+        if options.second_starts_max == 0 {
+            return starts;
         }
-        let cells = (options.second_start_cells, options.second_starts_max);
-        scan_starts(problem, &bounds, cells, cancel)
+        if worth.len() > 1 {
+            let cells = (options.second_start_cells, options.second_starts_max);
+            starts = scan_starts(&for_scan, &bounds, cells, cancel);
+        }
+        if (worth.iter()).any(|f| f.local.x[0] <= bounds.lower[0]) {
+            let mut face = bounds.clone();
+            face.upper[0] = face.lower[0];
+            let cells = (UNDAMPED_CELLS, 2 * options.second_starts_max);
+            starts.extend(scan_starts(&for_scan, &face, cells, cancel));
+        }
+        starts
     };
     let found = trust_tech::search(
-        problem,
+        &rough,
         &bounds,
         &Starts {
             first: &first,
@@ -80,11 +103,17 @@ pub(super) fn reduced(
         },
         &[],
         &same,
-        &options.trust_tech,
+        &roughly(&options.trust_tech),
         cancel,
     );
+    let worth = worth_exploring_below(&found.solutions, options.trust_tech.explore_within);
+    let found = made_exact(problem, found, worth, &same, &options.trust_tech, cancel);
     let solution = |found: &FoundSolution| {
-        let point = problem.point(&found.local.x)?;
+        let point = if found.local.value <= worth {
+            problem.point(&found.local.x)?
+        } else {
+            rough.point(&found.local.x)?
+        };
         Some(FitSolution {
             found: found.clone(),
             model: fitted_model(problem, &found.local.x, point.linear)?,
@@ -95,6 +124,92 @@ pub(super) fn reduced(
     Located {
         solutions: found.solutions.iter().filter_map(solution).collect(),
         directions: found.directions,
+        ended: found.ended,
+    }
+}
+
+/// The settings of a search whose solutions are made exact afterwards.
+fn roughly(options: &trust_tech::Options) -> trust_tech::Options {
+    let mut rough = *options;
+    let local = &mut rough.local;
+    local.decrease_relative = local.decrease_relative.max(ROUGH_DECREASE);
+    local.decrease_absolute = local.decrease_absolute.max(ROUGH_DECREASE_ABSOLUTE);
+    rough
+}
+
+/// The search's solutions where the exact problem has them: the local solver once more from each whose
+/// objective is at most `worth`. Two that turn out to be one become one.
+fn made_exact(
+    problem: &JointProblem<'_>,
+    found: Search,
+    worth: f64,
+    same: &dyn Fn(&LocalSolution, &LocalSolution) -> bool,
+    options: &trust_tech::Options,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Search {
+    let near = |solution: &&FoundSolution| solution.local.value <= worth;
+    let starts: Vec<_> = (found.solutions.iter())
+        .filter(near)
+        .map(|solution| solution.local.x.clone())
+        .collect();
+    let polished =
+        local_solver::minimise_all(problem, &outer_bounds(), &starts, &options.local, cancel);
+    let mut polished = polished.into_iter();
+    let mut cost = found.cost;
+    let mut solutions: Vec<FoundSolution> = Vec::new();
+    // Of each solution by its number, less 1, the number it has in the end; 0 for none.
+    let mut numbers = Vec::with_capacity(found.solutions.len());
+    for mut solution in found.solutions {
+        if near(&&solution) {
+            let Some(exact) = polished.next().and_then(Result::ok) else {
+                numbers.push(0);
+                continue;
+            };
+            cost += exact.cost;
+            if let Some(known) = solutions
+                .iter_mut()
+                .find(|known| same(&known.local, &exact))
+            {
+                numbers.push(known.id);
+                if exact.value < known.local.value {
+                    known.local = exact;
+                }
+                continue;
+            }
+            solution.local = exact;
+        }
+        solution.id = solutions.len() + 1;
+        solution.found_from = solution.found_from.map(|from| numbers[from - 1]);
+        numbers.push(solution.id);
+        solutions.push(solution);
+    }
+    let renumbered = |mut record: DirectionRecord| {
+        record.from = numbers[record.from - 1];
+        record.outcome = match record.outcome {
+            DirectionOutcome::NewSolution(old) | DirectionOutcome::KnownSolution(old)
+                if numbers[old - 1] == 0 =>
+            {
+                DirectionOutcome::LocalSolverInfeasible
+            }
+            DirectionOutcome::NewSolution(old) => {
+                let new = numbers[old - 1];
+                if numbers[..old - 1].contains(&new) {
+                    DirectionOutcome::KnownSolution(new)
+                } else {
+                    DirectionOutcome::NewSolution(new)
+                }
+            }
+            DirectionOutcome::KnownSolution(old) => {
+                DirectionOutcome::KnownSolution(numbers[old - 1])
+            }
+            other => other,
+        };
+        record
+    };
+    Search {
+        directions: found.directions.into_iter().map(renumbered).collect(),
+        solutions,
+        cost,
         ended: found.ended,
     }
 }
@@ -189,17 +304,15 @@ fn paper_starts(
     starts.iter().filter_map(start).collect()
 }
 
-/// Number of solutions that are worth exploring.
-fn competing(found: &[FoundSolution], within: f64) -> usize {
-    let values = || found.iter().map(|f| f.local.value);
-    let best = values().fold(f64::INFINITY, f64::min);
-    values().filter(|value| *value <= within * best).count()
+fn worth_exploring_below(found: &[FoundSolution], within: f64) -> f64 {
+    let values = found.iter().map(|f| f.local.value);
+    within * values.fold(f64::INFINITY, f64::min)
 }
 
 /// The lowest cells of a scan that no neighbour undercuts; the physical start where none is
 /// feasible.
 fn scan_starts(
-    problem: &JointProblem<'_>,
+    problem: &dyn Objective,
     bounds: &Bounds,
     (cells, at_most): ([usize; OUTER], usize),
     cancel: &(dyn Fn() -> bool + Sync),

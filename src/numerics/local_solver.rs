@@ -19,6 +19,7 @@ use nalgebra::{DMatrix, DVector};
 use super::{
     Bounds, Cost, Objective,
     objective::{Counted, Expansion},
+    side_by_side::{self, Ask, at_once},
 };
 
 mod model;
@@ -74,17 +75,40 @@ pub fn minimise(
     let Some(expansion) = counted.expansion(&x) else {
         return Err(UndefinedStart { cost: counted.cost });
     };
-    let found = descend(
+    let found = at_once(descend(
         &mut counted,
         bounds,
         (x, expansion),
         options,
         &Guide::default(),
         cancel,
-    );
+    ));
     Ok(LocalSolution {
         cost: counted.cost,
         ..found
+    })
+}
+
+/// [`minimise`] from several starts, whose questions are asked together.
+pub fn minimise_all(
+    objective: &dyn Objective,
+    bounds: &Bounds,
+    starts: &[DVector<f64>],
+    options: &Options,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Vec<Result<LocalSolution, UndefinedStart>> {
+    side_by_side::run(objective, starts.len(), &async |start, mut asking| {
+        let x = bounds.clamped(&starts[start]);
+        let Some(expansion) = asking.expansion(&x).await else {
+            let cost = *asking.cost();
+            return Err(UndefinedStart { cost });
+        };
+        let at = (x, expansion);
+        let found = descend(&mut asking, bounds, at, options, &Guide::default(), cancel).await;
+        Ok(LocalSolution {
+            cost: *asking.cost(),
+            ..found
+        })
     })
 }
 
@@ -94,7 +118,8 @@ pub(super) struct Guide<'a> {
     pub(super) recognises: &'a dyn Fn(&DVector<f64>, &Expansion) -> bool,
     /// Objective above which a solution is not worth the last digits.
     pub(super) exact_below: f64,
-    /// Decrease, relative to the objective, that is not worth a step there.
+    /// Decrease, relative to the objective, that is not worth a step just above it; farther up in
+    /// proportion, to [`POOREST`] times as much.
     pub(super) decrease_relative: f64,
 }
 
@@ -113,23 +138,24 @@ impl Guide<'_> {
     pub(super) fn tolerance(&self, options: &Options, value: f64) -> f64 {
         let mut relative = options.decrease_relative;
         if value > self.exact_below {
-            relative = relative.max(self.decrease_relative);
+            let poor = (value / self.exact_below).clamp(1.0, POOREST);
+            relative = relative.max(self.decrease_relative * poor);
         }
         relative * value.abs() + options.decrease_absolute
     }
 }
 
 /// [`minimise`] from a point of the box where the expansion is known. The limit of evaluations and
-/// the cost refer to this descent alone, and are added to those of `counted`.
-pub(super) fn descend(
-    counted: &mut Counted<'_>,
+/// the cost refer to this descent alone, and are added to those of `asking`.
+pub(super) async fn descend<A: Ask>(
+    asking: &mut A,
     bounds: &Bounds,
     (x, expansion): (DVector<f64>, Expansion),
     options: &Options,
     guide: &Guide<'_>,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> LocalSolution {
-    let before = std::mem::take(&mut counted.cost);
+    let before = std::mem::take(asking.cost());
     let mut solver = Solver {
         bounds,
         spans: bounds.spans(),
@@ -143,11 +169,11 @@ pub(super) fn descend(
         leap_pause: 0,
         leap_patience: 1,
         last_was_rejected: false,
-        counted,
+        asking,
     };
-    let (at, termination) = solver.descend(Iterate { x, expansion });
-    let cost = counted.cost;
-    counted.cost += before;
+    let (at, termination) = solver.descend(Iterate { x, expansion }).await;
+    let cost = *asking.cost();
+    *asking.cost() += before;
     LocalSolution {
         x: at.x,
         value: at.expansion.value,
@@ -158,6 +184,8 @@ pub(super) fn descend(
     }
 }
 
+/// Multiple of [`Guide::exact_below`] from which solutions are equally poor.
+const POOREST: f64 = 10.0;
 /// Steps that gain next to nothing before the solver gives up; one alone may be bad luck.
 const SMALL_GAINS_MAX: u32 = 3;
 /// Damping beyond which a step is too short to matter: 1e-20 of a gradient step.
@@ -198,8 +226,8 @@ enum Trial {
     OutsideDomain,
 }
 
-struct Solver<'a, 'o> {
-    counted: &'a mut Counted<'o>,
+struct Solver<'a, A> {
+    asking: &'a mut A,
     bounds: &'a Bounds,
     spans: DVector<f64>,
     options: &'a Options,
@@ -217,8 +245,8 @@ struct Solver<'a, 'o> {
     last_was_rejected: bool,
 }
 
-impl Solver<'_, '_> {
-    fn descend(&mut self, mut at: Iterate) -> (Iterate, Termination) {
+impl<A: Ask> Solver<'_, A> {
+    async fn descend(&mut self, mut at: Iterate) -> (Iterate, Termination) {
         let (mut small_gains, mut creeping) = (0, 0);
         loop {
             if (self.guide.recognises)(&at.x, &at.expansion) {
@@ -237,12 +265,17 @@ impl Solver<'_, '_> {
                 );
             }
             let moved = if promise.is_none() && model.gradient_promise() <= tolerance {
-                self.leave_saddle(&at, &model)
-            } else if creeping >= CREEPING_STEPS {
-                self.leap(&at, &model)
-                    .unwrap_or_else(|| self.step(&at, &model))
+                self.leave_saddle(&at, &model).await
             } else {
-                self.step(&at, &model)
+                let leapt = if creeping >= CREEPING_STEPS {
+                    self.leap(&at, &model).await
+                } else {
+                    None
+                };
+                match leapt {
+                    Some(moved) => moved,
+                    None => self.step(&at, &model).await,
+                }
             };
             let (next, shortened) = match moved {
                 Move::End(termination) => return (at, termination),
@@ -272,21 +305,22 @@ impl Solver<'_, '_> {
     /// (the watchdog technique of Chamberlain and others, 1982). After a failure twice as many
     /// steps pass before the next attempt. On Rosenbrock's valley with steepness 1e4 this takes 17
     /// evaluations instead of 1000.
-    fn leap(&mut self, at: &Iterate, model: &Model<'_>) -> Option<Move> {
+    async fn leap(&mut self, at: &Iterate, model: &Model<'_>) -> Option<Move> {
         if self.leap_pause > 0 {
             self.leap_pause -= 1;
             return None;
         }
         let damping = (self.damping * LEAP_DAMPING).max(DAMPING_MIN);
-        let mut far = self.lightly_damped_move(&at.x, model, damping);
+        let mut far = self.lightly_damped_move(&at.x, model, damping).await;
         if let Some(above) = far.take_if(|far| far.expansion.value >= at.expansion.value) {
             let model = self.model_without_memory(&above);
             far = self
                 .lightly_damped_move(&above.x, &model, damping)
+                .await
                 .filter(|far| far.expansion.value < at.expansion.value);
         }
         if let Some(next) = far {
-            self.counted.cost.steps_accepted += 1;
+            self.asking.cost().steps_accepted += 1;
             self.damping = damping;
             self.leap_patience = 1;
             return Some(Move::To {
@@ -294,14 +328,14 @@ impl Solver<'_, '_> {
                 shortened: false,
             });
         }
-        self.counted.cost.steps_rejected += 1;
+        self.asking.cost().steps_rejected += 1;
         self.leap_pause = self.leap_patience;
         self.leap_patience = (2 * self.leap_patience).min(LEAP_PAUSE_MAX);
         None
     }
 
     /// Where a step with this damping leads, whether down or up.
-    fn lightly_damped_move(
+    async fn lightly_damped_move(
         &mut self,
         x: &DVector<f64>,
         model: &Model<'_>,
@@ -311,7 +345,7 @@ impl Solver<'_, '_> {
             return None;
         }
         let x = self.bounds.snapped(&(x + model.damped_step(damping)?));
-        let expansion = self.counted.expansion(&x)?;
+        let expansion = self.asking.expansion(&x).await?;
         Some(Iterate { x, expansion })
     }
 
@@ -346,7 +380,7 @@ impl Solver<'_, '_> {
     }
 
     /// Raises the damping until a step lowers the objective.
-    fn step(&mut self, at: &Iterate, model: &Model<'_>) -> Move {
+    async fn step(&mut self, at: &Iterate, model: &Model<'_>) -> Move {
         loop {
             if let Some(termination) = self.interruption() {
                 return Move::End(termination);
@@ -368,13 +402,13 @@ impl Solver<'_, '_> {
                     tolerance,
                 });
             }
-            match self.shortened_until_defined(at, model, step) {
+            match self.shortened_until_defined(at, model, step).await {
                 Trial::Lower {
                     next,
                     ratio,
                     shortened,
                 } => {
-                    self.counted.cost.steps_accepted += 1;
+                    self.asking.cost().steps_accepted += 1;
                     self.last_was_rejected = false;
                     self.adapt_damping(ratio);
                     return Move::To { next, shortened };
@@ -388,7 +422,7 @@ impl Solver<'_, '_> {
                     return Move::End(self.interruption().unwrap_or(edge));
                 }
                 Trial::NotLower => {
-                    self.counted.cost.steps_rejected += 1;
+                    self.asking.cost().steps_rejected += 1;
                     self.last_was_rejected = true;
                     self.raise_damping();
                 }
@@ -398,7 +432,7 @@ impl Solver<'_, '_> {
 
     /// Tries `step`, halving it while it leads to where the objective does not exist. An edge that
     /// has been met is expected again: the first trial is twice the part that was left last time.
-    fn shortened_until_defined(
+    async fn shortened_until_defined(
         &mut self,
         at: &Iterate,
         model: &Model<'_>,
@@ -406,12 +440,12 @@ impl Solver<'_, '_> {
     ) -> Trial {
         step *= self.fraction;
         for _ in 0..=self.options.halvings_max {
-            let trial = self.try_step(at, model, &step);
+            let trial = self.try_step(at, model, &step).await;
             if !matches!(trial, Trial::OutsideDomain) {
                 self.fraction = (2.0 * self.fraction).min(1.0);
                 return trial;
             }
-            self.counted.cost.steps_rejected += 1;
+            self.asking.cost().steps_rejected += 1;
             if self.interruption().is_some() {
                 break;
             }
@@ -421,7 +455,7 @@ impl Solver<'_, '_> {
         Trial::OutsideDomain
     }
 
-    fn try_step(&mut self, at: &Iterate, model: &Model<'_>, step: &DVector<f64>) -> Trial {
+    async fn try_step(&mut self, at: &Iterate, model: &Model<'_>, step: &DVector<f64>) -> Trial {
         let predicted = model.decrease(step);
         if predicted <= 0.0 {
             return Trial::NotLower;
@@ -430,13 +464,13 @@ impl Solver<'_, '_> {
         // Most steps succeed, and an expansion costs less than a value and an expansion; after a
         // rejection another one is likely, and the cheaper value is asked first.
         if self.last_was_rejected || self.fraction < 1.0 {
-            match self.counted.value(&x) {
+            match self.asking.value(&x).await {
                 None => return Trial::OutsideDomain,
                 Some(value) if value >= at.expansion.value => return Trial::NotLower,
                 Some(_) => {}
             }
         }
-        match self.counted.expansion(&x) {
+        match self.asking.expansion(&x).await {
             None => Trial::OutsideDomain,
             Some(expansion) if expansion.value >= at.expansion.value => Trial::NotLower,
             Some(expansion) => {
@@ -454,7 +488,7 @@ impl Solver<'_, '_> {
 
     /// At a stationary point whose curvature is indefinite, looks for a lower point on both sides
     /// along the most negative curvature; a point without one is kept.
-    fn leave_saddle(&mut self, at: &Iterate, model: &Model<'_>) -> Move {
+    async fn leave_saddle(&mut self, at: &Iterate, model: &Model<'_>) -> Move {
         let (promised, tolerance) = (model.gradient_promise(), self.tolerance(at.expansion.value));
         let Some(direction) = model.most_negative_curvature() else {
             return Move::End(Termination::PromiseSmall {
@@ -471,18 +505,19 @@ impl Solver<'_, '_> {
                 let reach = sign * 0.1_f64.powi(exponent) / self.length(&direction);
                 let x = self.bounds.clamped(&(&at.x + &direction * reach));
                 let lower = self
-                    .counted
+                    .asking
                     .expansion(&x)
+                    .await
                     .filter(|expansion| expansion.value < at.expansion.value - tolerance);
                 if let Some(expansion) = lower {
-                    self.counted.cost.steps_accepted += 1;
+                    self.asking.cost().steps_accepted += 1;
                     let next = Iterate { x, expansion };
                     return Move::To {
                         next,
                         shortened: false,
                     };
                 }
-                self.counted.cost.steps_rejected += 1;
+                self.asking.cost().steps_rejected += 1;
             }
         }
         Move::End(Termination::PromiseSmall {
@@ -491,9 +526,9 @@ impl Solver<'_, '_> {
         })
     }
 
-    fn interruption(&self) -> Option<Termination> {
+    fn interruption(&mut self) -> Option<Termination> {
         let (evaluations, limit) = (
-            self.counted.cost.evaluations(),
+            self.asking.cost().evaluations(),
             self.options.evaluations_max,
         );
         if evaluations >= limit {

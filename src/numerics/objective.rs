@@ -29,6 +29,10 @@ pub trait Objective: Sync {
     }
     /// The objective with its derivatives.
     fn expansion(&self, x: &DVector<f64>) -> Option<Expansion>;
+    /// The objective with its derivatives at several points, as [`values`](Self::values).
+    fn expansions(&self, points: &[DVector<f64>]) -> Vec<Option<Expansion>> {
+        points.iter().map(|x| self.expansion(x)).collect()
+    }
 }
 
 /// A box: `lower <= x <= upper`, component by component.
@@ -196,10 +200,15 @@ impl<'a> Counted<'a> {
     /// The objective with its derivatives, if all of them are finite.
     pub(super) fn expansion(&mut self, x: &DVector<f64>) -> Option<Expansion> {
         self.cost.expansions += 1;
-        self.objective.expansion(x).filter(|at| {
-            at.value.is_finite()
-                && at.gradient.iter().all(|g| g.is_finite())
-                && at.curvature.iter().all(|h| h.is_finite())
-        })
+        finite_expansion(self.objective.expansion(x))
     }
+}
+
+/// An expansion, if all of its numbers are finite.
+pub(super) fn finite_expansion(expansion: Option<Expansion>) -> Option<Expansion> {
+    expansion.filter(|at| {
+        at.value.is_finite()
+            && at.gradient.iter().all(|g| g.is_finite())
+            && at.curvature.iter().all(|h| h.is_finite())
+    })
 }

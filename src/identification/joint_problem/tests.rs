@@ -193,17 +193,27 @@ fn gram_matrices_are_the_sums_over_rows() {
             let motor = dual_motor(&x);
             let mut out = MotorOutput::default();
             motor.simulate(&event.input, &mut out).unwrap();
-            let gram = columns.sensitivity_gram(&out, reactive_at_rest(&motor));
+            let length = columns.series_length();
+            let column = |values: Vec<f64>| {
+                let filled = length - values.len();
+                values.into_iter().chain(std::iter::repeat_n(0.0, filled))
+            };
+            let part = |numbers: &[OuterSensitivities], i: usize| {
+                let of = |x: &OuterSensitivities| if i < OUTER { x.derivative(i) } else { x.value };
+                column(numbers.iter().map(of).collect())
+            };
+            let mut series: Vec<f64> = (0..=OUTER)
+                .flat_map(|i| part(&out.active, i).chain(part(&out.reactive, i)))
+                .collect();
+            let gram = columns.sensitivity_gram(&mut series, reactive_at_rest(&motor));
             let error = difference(&gram, &expected, 0..COLUMNS);
             assert!(error < 1e-12, "with sensitivities: {error:e}");
 
             let motor = motor_coordinates(&x);
             let mut out = MotorOutput::default();
             motor.simulate(&event.input, &mut out).unwrap();
-            out.active.resize(columns.series_length(), 0.0);
-            out.reactive.resize(columns.series_length(), 0.0);
-            let series = [&mut out.active[..], &mut out.reactive[..]];
-            let plain = columns.plain_gram(series, reactive_at_rest(&motor));
+            let mut series: Vec<f64> = column(out.active).chain(column(out.reactive)).collect();
+            let plain = columns.plain_gram(&mut series, reactive_at_rest(&motor));
             for i in OUTER..COLUMNS {
                 for j in OUTER..COLUMNS {
                     assert_eq!(plain[(i, j)].to_bits(), gram[(i, j)].to_bits());

@@ -8,7 +8,7 @@ use super::{
     MotorCoordinates,
     input_pieces::Piece,
     radau,
-    taylor::{Ending, Series, StepConstants, input_beyond},
+    taylor::{Ending, LONG, Series, StepConstants, input_beyond},
 };
 use crate::{load_model::TerminalInput, numerics::Scalar};
 
@@ -49,6 +49,8 @@ pub(super) struct Mover<S> {
     /// What a step may leave out of flux and rotation.
     tolerance: f64,
     rate_static: f64,
+    /// Shortest step, seconds.
+    shortest_s: f64,
     steps_left: usize,
 }
 
@@ -75,12 +77,18 @@ impl<S: Scalar> Mover<S> {
             // Power is flux times 2 / kappa.
             tolerance: FLUX_TOLERANCE * accuracy * motor.kappa.value(),
             rate_static: alpha.value().max(nu.value().max(0.0).sqrt()),
+            shortest_s: SHORTEST_S * accuracy.max(1.0),
             steps_left: STEPS_PER_SAMPLE_MAX * (input.sample_count() + 50),
         }
     }
 
     pub(super) const fn rest(&self) -> [S; 3] {
         self.rest
+    }
+
+    /// The larger of the motor's two rates at rest, 1/s.
+    pub(super) const fn rate_at_rest(&self) -> f64 {
+        self.rate_static
     }
 
     pub(super) const fn tolerance(&self) -> f64 {
@@ -107,7 +115,7 @@ impl<S: Scalar> Mover<S> {
     #[inline(always)]
     fn step(&mut self, from: &State<S>, piece: &Piece, h: f64) -> Option<State<S>> {
         let rate = self.rate_static.max(from.speed.value().abs());
-        let shortest = h <= SHORTEST_S;
+        let shortest = h <= self.shortest_s;
         let series = h * rate <= SERIES_REACH || shortest;
         let implicit = h * self.alpha.value() > IMPLICIT_REACH && !from.standing;
         if !series && !implicit && rate.is_finite() {
@@ -199,7 +207,7 @@ impl<S: Scalar> Mover<S> {
 }
 
 #[inline(always)]
-fn sum<S: Scalar>(series: &Series<S>, order: usize) -> [S; 3] {
+fn sum<S: Scalar>(series: &Series<S, LONG>, order: usize) -> [S; 3] {
     // Literal orders become straight code.
     match order {
         4 => series.sum(4),
@@ -219,9 +227,9 @@ struct Tail<'a> {
     reached: bool,
 }
 
-impl<S: Scalar> Ending<S> for Tail<'_> {
+impl<S: Scalar> Ending<S, LONG> for Tail<'_> {
     #[inline(always)]
-    fn ends(&mut self, series: &Series<S>, order: usize) -> bool {
+    fn ends(&mut self, series: &Series<S, LONG>, order: usize) -> bool {
         let terms: f64 = series.last_two(order).map(|c| c.value().abs()).iter().sum();
         if terms.is_nan() {
             self.reached = true;

@@ -6,16 +6,21 @@
 //! error estimate above the tolerance, a rotor near standstill) is done for that lane alone, and very stiff
 //! motors run alone altogether.
 
+mod side_by_side;
+mod steps;
+
 use super::{
     Infeasible, MotorCoordinates, MotorOutput,
-    advance::{Mover, SERIES_REACH, State},
-    input_pieces::{Piece, for_each_piece},
-    lanes::{Lanes, Mask, REGISTER_LANES_MAX},
-    power,
-    taylor::{Ending, Series, StepConstants, input_beyond},
+    advance::SERIES_REACH,
+    input_pieces::Piece,
+    lanes::{InLanes, LaneScalar, Lanes, Slopes},
+    taylor::{LONG, SHORT, Series, StepConstants},
 };
-use crate::load_model::{TerminalInput, terminal::DENSE_POINTS};
+use crate::load_model::TerminalInput;
 use pulp::{Arch, Simd, WithSimd};
+use side_by_side::{Pending, SideBySide, Stack, Tails};
+use std::{marker::PhantomData, sync::OnceLock};
+use steps::{Step, steps};
 
 /// Steps per sample from which lanes side by side are no longer worth it.
 const PARTS_MAX: usize = 64;
@@ -26,13 +31,22 @@ const REGISTERS_FIXED: usize = 2;
 /// Halvings of a step that lanes take side by side; what is still refused then, such as the instant of
 /// standstill, each lane finishes alone.
 const HALVINGS_MAX: usize = 5;
-const LANES_MAX: usize = REGISTER_LANES_MAX * 3;
+/// Steps after which a lane of a rough simulation tries longer parts again.
+const LONGER_AFTER: usize = 3;
+/// Numbers of steps per sample that can occur.
+const STEP_COUNTS: usize = PARTS_MAX.ilog2() as usize + 1;
 
 /// How much work a batch puts into each motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Effort {
     /// As [`MotorCoordinates::simulate`], bit by bit.
     Exact,
+    /// With so many times the exact tolerance per step, a few 1e-9 of the motor's power. For a search that
+    /// makes what it finds exact in the end.
+    Rough {
+        /// Factor on the tolerance, at least 1.
+        looseness: u32,
+    },
     /// Steps of order four, so many per sample whatever the motor (a power of two, at least 1; more where
     /// the input jumps), and no error estimate: as accurate and as dear as so many steps of the classical
     /// Runge-Kutta method. For scans. Motors too fast for the steps give numbers without meaning or none.
@@ -49,6 +63,19 @@ pub trait BatchSink {
     /// instants come in order. Mark the implementation `#[inline(always)]` so that it is compiled
     /// for the same instruction set as the simulation.
     fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], reactive: &[f64]);
+
+    /// The same for derivative number `index` of the power, where the motors carry derivatives.
+    #[inline(always)]
+    fn slope(
+        &mut self,
+        instant: usize,
+        motors: &[usize],
+        index: usize,
+        active: &[f64],
+        reactive: &[f64],
+    ) {
+        let _ = (instant, motors, index, active, reactive);
+    }
 }
 
 impl<F: FnMut(usize, &[usize], &[f64], &[f64])> BatchSink for F {
@@ -58,26 +85,114 @@ impl<F: FnMut(usize, &[usize], &[f64], &[f64])> BatchSink for F {
     }
 }
 
+/// An input made ready for batches: its pieces, cut to the steps that motors ask for, are kept from the first
+/// batch that needs them.
+#[derive(Debug)]
+pub struct BatchInput<'a> {
+    input: &'a TerminalInput,
+    /// By the binary logarithm of the number of steps per sample.
+    steps: [OnceLock<Vec<Step>>; STEP_COUNTS],
+}
+
+impl<'a> BatchInput<'a> {
+    /// Nothing is computed yet.
+    #[must_use]
+    pub fn new(input: &'a TerminalInput) -> Self {
+        Self {
+            input,
+            steps: [const { OnceLock::new() }; STEP_COUNTS],
+        }
+    }
+
+    /// `parts` is a power of two of at most [`PARTS_MAX`].
+    fn steps(&self, parts: usize) -> &[Step] {
+        self.steps[parts.ilog2() as usize].get_or_init(|| steps(self.input, parts))
+    }
+}
+
 /// Simulates `motors` over one input and hands every output to `sink`.
 ///
 /// Returns per motor whether it has a steady state; one that has none reaches the sink never, and a motor
 /// whose numbers overflow disturbs no other.
 pub fn simulate_batch(
     motors: &[MotorCoordinates<f64>],
-    input: &TerminalInput,
+    input: &BatchInput<'_>,
     effort: Effort,
     sink: &mut impl BatchSink,
 ) -> Vec<Result<(), Infeasible>> {
     simulate_batch_on(Arch::new(), motors, input, effort, sink)
 }
 
+/// The same with the derivatives that the motors carry. Side by side where the effort is
+/// [`Effort::Rough`]; otherwise each by itself, as [`MotorCoordinates::simulate`].
+pub fn simulate_batch_with_slopes(
+    motors: &[MotorCoordinates<Slopes>],
+    input: &BatchInput<'_>,
+    effort: Effort,
+    sink: &mut impl BatchSink,
+) -> Vec<Result<(), Infeasible>> {
+    simulate_batch_with_slopes_on(Arch::new(), motors, input, effort, sink)
+}
+
+/// As [`simulate_batch_with_slopes`] on a given instruction set.
+fn simulate_batch_with_slopes_on(
+    arch: Arch,
+    motors: &[MotorCoordinates<Slopes>],
+    input: &BatchInput<'_>,
+    effort: Effort,
+    sink: &mut impl BatchSink,
+) -> Vec<Result<(), Infeasible>> {
+    let rough = matches!(effort, Effort::Rough { .. });
+    let mut side_by_side: Vec<(usize, usize)> = Vec::new();
+    let verdicts: Vec<_> = (motors.iter().enumerate())
+        .map(|(member, motor)| {
+            motor.steady_state()?;
+            let parts = parts_per_sample(motor, input.input, effort);
+            if rough && parts <= PARTS_MAX {
+                side_by_side.push((parts, member));
+            } else {
+                alone(motors, member, input.input, effort, sink);
+            }
+            Ok(())
+        })
+        .collect();
+    // All in one group, as there are seldom more than registers hold; those of like needs together.
+    side_by_side.sort_unstable();
+    let members: Vec<usize> = side_by_side.iter().map(|(_, member)| *member).collect();
+    let group = Members {
+        motors,
+        indices: &members,
+        input: input.input,
+        steps: input.steps(1),
+    };
+    group.on_registers::<Rough, _>(arch, effort, sink);
+    verdicts
+}
+
 /// As [`simulate_batch`] on a given instruction set.
 fn simulate_batch_on(
     arch: Arch,
     motors: &[MotorCoordinates<f64>],
-    input: &TerminalInput,
+    input: &BatchInput<'_>,
     effort: Effort,
     sink: &mut impl BatchSink,
+) -> Vec<Result<(), Infeasible>> {
+    in_groups(motors, input, effort, sink, |group, sink| match effort {
+        Effort::Fixed { .. } => {
+            arch.dispatch(group.with::<Fixed, _, REGISTERS_FIXED>(effort, sink));
+        }
+        Effort::Exact => group.on_registers::<Exact, _>(arch, effort, sink),
+        Effort::Rough { .. } => group.on_registers::<Rough, _>(arch, effort, sink),
+    })
+}
+
+/// Calls `simulate` for the motors that take the same steps, group by group; very stiff ones run alone.
+fn in_groups<A: LaneScalar, K: BatchSink>(
+    motors: &[MotorCoordinates<A>],
+    input: &BatchInput<'_>,
+    effort: Effort,
+    sink: &mut K,
+    mut simulate: impl FnMut(&Members<'_, A>, &mut K),
 ) -> Vec<Result<(), Infeasible>> {
     let verdicts: Vec<_> = motors
         .iter()
@@ -89,7 +204,7 @@ fn simulate_batch_on(
         .map(|(motor, verdict)| {
             verdict
                 .is_ok()
-                .then(|| parts_per_sample(motor, input, effort))
+                .then(|| parts_per_sample(motor, input.input, effort))
         })
         .collect();
     let mut step_counts: Vec<usize> = parts.iter().copied().flatten().collect();
@@ -101,398 +216,285 @@ fn simulate_batch_on(
             .collect();
         if count > PARTS_MAX {
             for member in members {
-                alone(motors, member, input, sink);
+                alone(motors, member, input.input, effort, sink);
             }
             continue;
         }
-        let steps = steps(input, count);
-        match effort {
-            Effort::Exact => arch.dispatch(Group::<_, REGISTERS_EXACT> {
-                motors,
-                members: &members,
-                input,
-                steps: &steps,
-                exact: true,
-                sink,
-            }),
-            Effort::Fixed { .. } => arch.dispatch(Group::<_, REGISTERS_FIXED> {
-                motors,
-                members: &members,
-                input,
-                steps: &steps,
-                exact: false,
-                sink,
-            }),
-        }
+        let group = Members {
+            motors,
+            indices: &members,
+            input: input.input,
+            steps: input.steps(count),
+        };
+        simulate(&group, sink);
     }
     verdicts
 }
 
+/// Motors with the same steps.
+#[derive(Clone, Copy)]
+struct Members<'a, A> {
+    motors: &'a [MotorCoordinates<A>],
+    indices: &'a [usize],
+    input: &'a TerminalInput,
+    steps: &'a [Step],
+}
+
+impl<'a, A: LaneScalar> Members<'a, A> {
+    const fn with<'k, M, K, const W: usize>(
+        self,
+        effort: Effort,
+        sink: &'k mut K,
+    ) -> Group<'a, 'k, A, K, M, W> {
+        Group {
+            of: self,
+            effort,
+            sink,
+            method: PhantomData,
+        }
+    }
+
+    /// With one register of the fitting size per number: a rest that would leave half of one empty takes
+    /// registers of half the size, which take half the time.
+    fn on_registers<M: Method, K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
+        let (wide, narrow) = split(arch, self.indices);
+        for (arch, indices) in [(arch, wide), (narrower(arch), narrow)] {
+            if !indices.is_empty() {
+                let some = Self { indices, ..self };
+                arch.dispatch(some.with::<M, K, REGISTERS_EXACT>(effort, sink));
+            }
+        }
+    }
+}
+
+/// The members that fill registers, and the rest.
+fn split(arch: Arch, members: &[usize]) -> (&[usize], &[usize]) {
+    let (whole, half) = match arch {
+        #[cfg(target_arch = "x86_64")]
+        Arch::V4(_) => (8, 4),
+        _ => (1, 0),
+    };
+    let rest = members.len() % whole;
+    members.split_at(if rest <= half {
+        members.len() - rest
+    } else {
+        members.len()
+    })
+}
+
+fn narrower(arch: Arch) -> Arch {
+    #[cfg(target_arch = "x86_64")]
+    if let Arch::V4(_) = arch
+        && let Some(v3) = pulp::x86::V3::try_new()
+    {
+        return Arch::V3(v3);
+    }
+    arch
+}
+
 /// Steps per sample that the motor's rates at rest ask for; above [`PARTS_MAX`] where it runs alone.
-fn parts_per_sample(motor: &MotorCoordinates<f64>, input: &TerminalInput, effort: Effort) -> usize {
+fn parts_per_sample<A: LaneScalar>(
+    motor: &MotorCoordinates<A>,
+    input: &TerminalInput,
+    effort: Effort,
+) -> usize {
     match effort {
         Effort::Fixed { steps_per_sample } => {
             steps_per_sample.clamp(1, PARTS_MAX).next_power_of_two()
         }
-        Effort::Exact => {
-            let rate = motor.alpha_per_s.max(motor.nu_per_s2.max(0.0).sqrt());
-            let (mut parts, mut step_s) = (1, input.sample_interval_s);
-            while parts <= PARTS_MAX && (step_s * rate > SERIES_REACH || rate.is_nan()) {
-                parts *= 2;
-                step_s *= 0.5;
-            }
-            parts
+        Effort::Exact | Effort::Rough { .. } => {
+            let (alpha, nu) = (motor.alpha_per_s.value(), motor.nu_per_s2.value());
+            parts_for_rate(alpha.max(nu.max(0.0).sqrt()), input)
         }
     }
 }
 
-fn alone(
-    motors: &[MotorCoordinates<f64>],
+fn parts_for_rate(rate: f64, input: &TerminalInput) -> usize {
+    let (mut parts, mut step_s) = (1, input.sample_interval_s);
+    while parts <= PARTS_MAX && (step_s * rate > SERIES_REACH || rate.is_nan()) {
+        parts *= 2;
+        step_s *= 0.5;
+    }
+    parts
+}
+
+impl Effort {
+    /// Tolerance relative to the exact one's.
+    fn accuracy(self) -> f64 {
+        match self {
+            Self::Rough { looseness } => f64::from(looseness.max(1)),
+            Self::Exact | Self::Fixed { .. } => 1.0,
+        }
+    }
+}
+
+fn alone<A: LaneScalar>(
+    motors: &[MotorCoordinates<A>],
     member: usize,
     input: &TerminalInput,
+    effort: Effort,
     sink: &mut impl BatchSink,
 ) {
     let mut out = MotorOutput::default();
-    if motors[member].simulate(input, &mut out).is_ok() {
+    let accuracy = effort.accuracy();
+    if motors[member]
+        .simulate_to(accuracy, input, &mut out)
+        .is_ok()
+    {
         for (instant, (p, q)) in out.active.iter().zip(&out.reactive).enumerate() {
-            sink.output(instant, &[member], &[*p], &[*q]);
+            let members = [member];
+            sink.output(instant, &members, &[p.value()], &[q.value()]);
+            for i in 0..A::DERIVATIVES {
+                sink.slope(instant, &members, i, &[p.slope(i)], &[q.slope(i)]);
+            }
         }
     }
 }
 
-/// One step that all lanes take together.
-struct Step {
-    piece: Piece,
-    duration_s: f64,
-    /// The phasor at the output instant at the end of this step, if there is one.
-    output: Option<[f64; 2]>,
+/// How lanes take a step.
+trait Method {
+    /// Whether the steps are the scalar run's.
+    const EXACT: bool;
+
+    /// Moves all lanes over a step.
+    fn step<S: Simd, A: LaneScalar, const W: usize>(
+        side: &mut SideBySide<'_, S, A, W>,
+        step: &Step,
+        stack: &mut Stack<S, W>,
+    );
+
+    /// Extends the series until `tails` are content; returns the rotation's slope at the start.
+    fn run<S: Simd, N: InLanes<S, W>, const W: usize>(
+        state: [N; 3],
+        motor: &StepConstants<N>,
+        piece: &Piece,
+        tails: &mut Tails<S, N, W>,
+    ) -> N;
 }
 
-/// The steps of the whole input for motors that take `parts` per sample.
-fn steps(input: &TerminalInput, parts: usize) -> Vec<Step> {
-    let samples = input.sample_count();
-    let mut steps = Vec::with_capacity(samples * parts);
-    let fine_s = input.sample_interval_s / input.points_per_sample as f64;
-    let longest_s = input.sample_interval_s / parts as f64;
-    let apart = input.points_per_sample / DENSE_POINTS;
-    for sample in 0..samples.saturating_sub(1) {
-        let origin = sample * input.points_per_sample;
-        let dense = input.dense[sample];
-        for_each_piece(input, sample, |piece, start, length| {
-            let shares = if dense { (length / apart).max(1) } else { 1 };
-            let mut share = if shares == 1 {
-                *piece
-            } else {
-                piece.shortened(shares)
-            };
-            for i in 0..shares {
-                halve(
-                    &share,
-                    fine_s * (length / shares) as f64,
-                    longest_s,
-                    &mut steps,
-                );
-                let end = start + (i + 1) * (length / shares) - origin;
-                let at_sample = end == input.points_per_sample;
-                if let Some(last) = steps.last_mut()
-                    && (at_sample || dense && end.is_multiple_of(apart))
-                {
-                    last.output = Some(input.point(origin + end));
-                }
-                if i + 1 < shares {
-                    share = share.next();
-                }
-            }
-        });
+/// As the scalar run, whatever order it takes.
+struct Exact;
+/// Up to order 6: straight code short enough for numbers with derivatives.
+struct Rough;
+/// One step of order four.
+struct Fixed;
+
+impl Method for Exact {
+    const EXACT: bool = true;
+
+    #[inline(always)]
+    fn step<S: Simd, A: LaneScalar, const W: usize>(
+        side: &mut SideBySide<'_, S, A, W>,
+        step: &Step,
+        stack: &mut Stack<S, W>,
+    ) {
+        side.adaptive_step::<Self>(step, stack);
     }
-    steps
-}
 
-fn halve(piece: &Piece, duration_s: f64, longest_s: f64, steps: &mut Vec<Step>) {
-    if duration_s <= longest_s * (1.0 + 1e-12) {
-        steps.push(Step {
-            piece: *piece,
-            duration_s,
-            output: None,
-        });
-        return;
+    #[inline(always)]
+    fn run<S: Simd, N: InLanes<S, W>, const W: usize>(
+        state: [N; 3],
+        motor: &StepConstants<N>,
+        piece: &Piece,
+        tails: &mut Tails<S, N, W>,
+    ) -> N {
+        Series::<N, LONG>::run(state, motor, piece, tails)
+            .0
+            .first_rotation()
     }
-    let left = piece.shortened(2);
-    halve(&left, 0.5 * duration_s, longest_s, steps);
-    halve(&left.next(), 0.5 * duration_s, longest_s, steps);
 }
 
-/// Motors with the same steps.
-struct Group<'a, K, const W: usize> {
-    motors: &'a [MotorCoordinates<f64>],
-    members: &'a [usize],
-    input: &'a TerminalInput,
-    steps: &'a [Step],
-    exact: bool,
-    sink: &'a mut K,
+impl Method for Rough {
+    const EXACT: bool = false;
+
+    #[inline(always)]
+    fn step<S: Simd, A: LaneScalar, const W: usize>(
+        side: &mut SideBySide<'_, S, A, W>,
+        step: &Step,
+        stack: &mut Stack<S, W>,
+    ) {
+        side.adaptive_step::<Self>(step, stack);
+    }
+
+    #[inline(always)]
+    fn run<S: Simd, N: InLanes<S, W>, const W: usize>(
+        state: [N; 3],
+        motor: &StepConstants<N>,
+        piece: &Piece,
+        tails: &mut Tails<S, N, W>,
+    ) -> N {
+        Series::<N, SHORT>::run_short(state, motor, piece, tails)
+    }
 }
 
-impl<K: BatchSink, const W: usize> WithSimd for Group<'_, K, W> {
+impl Method for Fixed {
+    const EXACT: bool = false;
+
+    #[inline(always)]
+    fn step<S: Simd, A: LaneScalar, const W: usize>(
+        side: &mut SideBySide<'_, S, A, W>,
+        step: &Step,
+        _: &mut Stack<S, W>,
+    ) {
+        side.fixed_step(step);
+    }
+
+    #[inline(always)]
+    fn run<S: Simd, N: InLanes<S, W>, const W: usize>(
+        state: [N; 3],
+        _: &StepConstants<N>,
+        _: &Piece,
+        _: &mut Tails<S, N, W>,
+    ) -> N {
+        state[2]
+    }
+}
+
+/// Motors with the same steps, and how they are simulated.
+struct Group<'a, 'k, A, K, M, const W: usize> {
+    of: Members<'a, A>,
+    effort: Effort,
+    sink: &'k mut K,
+    method: PhantomData<M>,
+}
+
+impl<A: LaneScalar, K: BatchSink, M: Method, const W: usize> WithSimd
+    for Group<'_, '_, A, K, M, W>
+{
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        for members in self.members.chunks(Lanes::<S, W>::COUNT) {
-            let mut side = SideBySide::<S, W>::new(simd, self.motors, members, self.input);
-            side.put(0, self.input.point(0), self.sink);
+        let Members {
+            motors,
+            indices,
+            input,
+            steps,
+        } = self.of;
+        for members in indices.chunks(Lanes::<S, W>::COUNT) {
+            let accuracy = self.effort.accuracy();
+            let mut side = SideBySide::<S, A, W>::new(simd, motors, members, (input, accuracy));
+            side.put(0, input.point(0), self.sink);
             let mut instant = 1;
-            for step in self.steps {
-                if self.exact {
-                    side.exact_step(step);
-                } else {
-                    side.fixed_step(step);
-                }
+            let Some(first) = steps.first() else {
+                continue;
+            };
+            if !M::EXACT {
+                side.halve_as_rates_ask(input, first.part.duration_s);
+            }
+            let mut stack = [Pending {
+                part: first.part,
+                lanes: side.standing,
+                halvings: 0,
+            }; HALVINGS_MAX + 2];
+            for step in steps {
+                M::step(&mut side, step, &mut stack);
                 if let Some(u) = step.output {
                     side.put(instant, u, self.sink);
                     instant += 1;
                 }
             }
         }
-    }
-}
-
-/// The lanes of some motors and, for what a lane does alone, their scalar movers.
-struct SideBySide<'a, S: Simd, const W: usize> {
-    simd: S,
-    members: &'a [usize],
-    movers: [Mover<f64>; LANES_MAX],
-    alpha: Lanes<S, W>,
-    nu: Lanes<S, W>,
-    load: Lanes<S, W>,
-    tolerance: Lanes<S, W>,
-    strength: Lanes<S, W>,
-    standstill: Lanes<S, W>,
-    state: [Lanes<S, W>; 3],
-    standing: Mask<S, W>,
-}
-
-/// A piece that some lanes have yet to take.
-#[derive(Clone, Copy)]
-struct Pending<S: Simd, const W: usize> {
-    piece: Piece,
-    duration_s: f64,
-    lanes: Mask<S, W>,
-    halvings: usize,
-}
-
-impl<'a, S: Simd, const W: usize> SideBySide<'a, S, W> {
-    #[inline(always)]
-    fn new(
-        simd: S,
-        motors: &[MotorCoordinates<f64>],
-        members: &'a [usize],
-        input: &TerminalInput,
-    ) -> Self {
-        // Lanes without a motor repeat the first.
-        let motor = |lane: usize| motors[members[if lane < members.len() { lane } else { 0 }]];
-        let movers = std::array::from_fn(|lane| mover(&motor(lane), input));
-        let gather = |of: &dyn Fn(usize) -> f64| {
-            Lanes::load(simd, &std::array::from_fn::<f64, LANES_MAX, _>(of))
-        };
-        let movers_of = &movers;
-        let rest = |i: usize| gather(&|lane| movers_of[lane].rest()[i]);
-        Self {
-            simd,
-            members,
-            alpha: gather(&|lane| motor(lane).alpha_per_s),
-            nu: gather(&|lane| motor(lane).nu_per_s2),
-            load: rest(1),
-            tolerance: gather(&|lane| movers_of[lane].tolerance()),
-            strength: gather(&|lane| 2.0 / motor(lane).kappa),
-            standstill: gather(&|lane| movers_of[lane].standstill()),
-            state: [rest(0), rest(1), rest(2)],
-            standing: Lanes::splat(simd, 1.0).less_than(Lanes::splat(simd, 0.0)),
-            movers,
-        }
-    }
-
-    /// The scalar run's steps, in all lanes that need them: where some lanes need half the step, those
-    /// and no others take both halves.
-    #[inline(always)]
-    fn exact_step(&mut self, step: &Step) {
-        let simd = self.simd;
-        let whole = Pending {
-            piece: step.piece,
-            duration_s: step.duration_s,
-            lanes: Lanes::splat(simd, 0.0).less_than(Lanes::splat(simd, 1.0)),
-            halvings: 0,
-        };
-        // One entry per level of halving, and the piece in hand.
-        let mut stack = [whole; HALVINGS_MAX + 2];
-        let mut height = 1;
-        while height > 0 {
-            height -= 1;
-            let now = stack[height];
-            let refused = self.try_step(&now);
-            if refused.none() {
-                continue;
-            }
-            if now.halvings == HALVINGS_MAX {
-                self.finish_alone(&now.piece, now.duration_s, refused);
-                continue;
-            }
-            let left = Pending {
-                piece: now.piece.shortened(2),
-                duration_s: 0.5 * now.duration_s,
-                lanes: refused,
-                halvings: now.halvings + 1,
-            };
-            stack[height] = left;
-            stack[height].piece = left.piece.next();
-            stack[height + 1] = left;
-            height += 2;
-        }
-    }
-
-    /// Moves the wanted lanes whose step is good and returns those whose step must be shorter.
-    #[inline(always)]
-    fn try_step(&mut self, now: &Pending<S, W>) -> Mask<S, W> {
-        let h = now.duration_s;
-        let [a, b, s] = self.state;
-        let reach = Lanes::splat(self.simd, SERIES_REACH);
-        let start = [a, b, s * h];
-        let too_long = now.lanes.and(reach.less_than(start[2].abs()));
-        let tried = now.lanes.and_not(too_long);
-        if tried.none() {
-            return too_long;
-        }
-        let none = Lanes::splat(self.simd, 0.0);
-        let constants = StepConstants {
-            decay: self.alpha * h,
-            acceleration: self.standing.select(none, self.nu * (h * h)),
-            load: self.load,
-        };
-        let mut tails = Tails {
-            tolerance: self.tolerance,
-            decay: constants.decay,
-            piece: &now.piece,
-            running: tried,
-            end: start,
-        };
-        let (series, _) = Series::run(start, &constants, &now.piece, &mut tails);
-        let [end_a, end_b, end_r] = tails.end;
-        let speed = end_r * (1.0 / h);
-        let falling = s + series.first_rotation() * (1.0 / h);
-        let stops = (falling.less_than(self.standstill)).or(speed.less_than(self.standstill));
-        let mut refused = tails.running.or(tried.and(stops.and_not(self.standing)));
-        let mut speed = speed;
-        if !self.standing.none() {
-            let [re, im] = now.piece.at(1.0);
-            let starts = (end_b * re - end_a * im).less_than(self.load);
-            refused = refused.or(tried.and(starts.and(self.standing)));
-            speed = self.standing.select(s, speed);
-        }
-        let good = tried.and_not(refused);
-        self.state = [
-            good.select(end_a, a),
-            good.select(end_b, b),
-            good.select(speed, s),
-        ];
-        refused.or(too_long)
-    }
-
-    /// Moves the marked lanes over a piece one by one.
-    #[cold]
-    #[inline(never)]
-    fn finish_alone(&mut self, piece: &Piece, duration_s: f64, marked: Mask<S, W>) {
-        let mut columns = [[0.0; LANES_MAX]; 5];
-        let [one, zero] = [1.0, 0.0].map(|x| Lanes::splat(self.simd, x));
-        let [standing, marked] = [self.standing, marked].map(|m| m.select(one, zero));
-        let [a, b, s] = self.state;
-        for (column, lanes) in columns.iter_mut().zip([a, b, s, standing, marked]) {
-            lanes.store(column);
-        }
-        #[allow(
-            clippy::needless_range_loop,
-            reason = "a lane is an index into five columns"
-        )]
-        for lane in 0..Lanes::<S, W>::COUNT {
-            if columns[4][lane] < 0.5 {
-                continue;
-            }
-            let mut state = State {
-                flux: [columns[0][lane], columns[1][lane]],
-                speed: columns[2][lane],
-                standing: columns[3][lane] > 0.5,
-            };
-            self.movers[lane].advance(&mut state, piece, duration_s);
-            columns[0][lane] = state.flux[0];
-            columns[1][lane] = state.flux[1];
-            columns[2][lane] = state.speed;
-            columns[3][lane] = if state.standing { 1.0 } else { 0.0 };
-        }
-        self.state = [0, 1, 2].map(|c| Lanes::load(self.simd, &columns[c]));
-        self.standing = zero.less_than(Lanes::load(self.simd, &columns[3]));
-    }
-
-    #[inline(always)]
-    fn fixed_step(&mut self, step: &Step) {
-        let h = step.duration_s;
-        let [a, b, s] = self.state;
-        let constants = StepConstants {
-            decay: self.alpha * h,
-            acceleration: self.nu * (h * h),
-            load: self.load,
-        };
-        let [a, b, r] = Series::of_order_four([a, b, s * h], &constants, &step.piece);
-        let speed = r * (1.0 / h);
-        let speed = speed
-            .less_than(self.standstill)
-            .select(self.standstill, speed);
-        self.state = [a, b, speed];
-    }
-
-    #[inline(always)]
-    fn put(&self, instant: usize, u: [f64; 2], sink: &mut impl BatchSink) {
-        let [active, reactive] = power(self.strength, [self.state[0], self.state[1]], u);
-        let (mut p, mut q) = ([0.0; LANES_MAX], [0.0; LANES_MAX]);
-        active.store(&mut p);
-        reactive.store(&mut q);
-        let count = self.members.len();
-        sink.output(instant, self.members, &p[..count], &q[..count]);
-    }
-}
-
-fn mover(motor: &MotorCoordinates<f64>, input: &TerminalInput) -> Mover<f64> {
-    // Only motors with a steady state are in a group.
-    let rest = motor.steady_state().unwrap_or([f64::NAN; 3]);
-    Mover::new(motor, rest, input, 1.0)
-}
-
-/// The criterion of the scalar run in every lane; `end` takes each lane's sum at its own order.
-struct Tails<'a, S: Simd, const W: usize> {
-    tolerance: Lanes<S, W>,
-    decay: Lanes<S, W>,
-    piece: &'a Piece,
-    running: Mask<S, W>,
-    end: [Lanes<S, W>; 3],
-}
-
-impl<S: Simd, const W: usize> Ending<Lanes<S, W>> for Tails<'_, S, W> {
-    #[inline(always)]
-    fn ends(&mut self, series: &Series<Lanes<S, W>>, order: usize) -> bool {
-        let [a0, b0, r0, a1, b1, r1] = series.last_two(order);
-        let terms = a0.abs() + b0.abs() + r0.abs() + a1.abs() + b1.abs() + r1.abs();
-        // NaN ends a lane.
-        let mut further = self.tolerance.less_than(terms);
-        if order <= super::input_pieces::DEGREE {
-            let input = self.decay * input_beyond(self.piece, order);
-            further = further.or(self.tolerance.less_than(input));
-        }
-        let still = self.running.and(further);
-        let [a, b, r] = series.sum(order);
-        self.end = [
-            self.running.select(a, self.end[0]),
-            self.running.select(b, self.end[1]),
-            self.running.select(r, self.end[2]),
-        ];
-        self.running = still;
-        still.none()
     }
 }
 

@@ -34,7 +34,8 @@ mod taylor;
 
 use super::{TerminalInput, terminal::DENSE_POINTS};
 use crate::numerics::{Arithmetic, Scalar};
-pub use batch::{BatchSink, Effort, simulate_batch};
+pub use batch::{BatchInput, BatchSink, Effort, simulate_batch, simulate_batch_with_slopes};
+pub use lanes::{LaneScalar, Slopes};
 
 use advance::{Mover, State};
 use input_pieces::for_each_piece;

@@ -17,8 +17,10 @@
 use super::input_pieces::{DEGREE, Piece};
 use crate::numerics::Arithmetic;
 
-/// Highest order.
-const ORDER: usize = 14;
+/// Terms of the longest series: up to order 14.
+pub(super) const LONG: usize = 15;
+/// Terms of the series of a rough simulation, up to order 6: where that is not enough, its steps are halved.
+pub(super) const SHORT: usize = 7;
 
 /// The motor's constants over one step.
 #[derive(Clone, Copy, Debug)]
@@ -33,20 +35,20 @@ pub(super) struct StepConstants<A> {
 
 /// Coefficients of flux and rotation per step, constant first.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Series<A> {
-    a: [A; ORDER + 1],
-    b: [A; ORDER + 1],
-    r: [A; ORDER + 1],
+pub(super) struct Series<A, const TERMS: usize> {
+    a: [A; TERMS],
+    b: [A; TERMS],
+    r: [A; TERMS],
 }
 
 /// Judges a series at orders 4, 6, 8 and so on, in this order.
-pub(super) trait Ending<A> {
+pub(super) trait Ending<A, const TERMS: usize> {
     /// Whether the series may end at `order`, given the sizes of its last two coefficients (see
     /// [`Series::last_two`]).
-    fn ends(&mut self, series: &Series<A>, order: usize) -> bool;
+    fn ends(&mut self, series: &Series<A, TERMS>, order: usize) -> bool;
 }
 
-impl<A: Arithmetic> Series<A> {
+impl<A: Arithmetic> Series<A, LONG> {
     /// Extends the series from `state` (flux and rotation per step) until `ending` is content, or to
     /// the highest order. Returns the order.
     #[inline(always)]
@@ -54,13 +56,9 @@ impl<A: Arithmetic> Series<A> {
         state: [A; 3],
         motor: &StepConstants<A>,
         piece: &Piece,
-        ending: &mut impl Ending<A>,
+        ending: &mut impl Ending<A, LONG>,
     ) -> (Self, usize) {
-        let mut series = Self {
-            a: [state[0]; ORDER + 1],
-            b: [state[1]; ORDER + 1],
-            r: [state[2]; ORDER + 1],
-        };
+        let mut series = Self::from(state);
         let u = &piece.phasor;
         // Orders as literals: each line becomes straight code without loops.
         let s = &mut series;
@@ -89,18 +87,49 @@ impl<A: Arithmetic> Series<A> {
         let _ = ending.ends(s, 14);
         (series, 14)
     }
+}
 
+impl<A: Arithmetic> Series<A, SHORT> {
+    /// Extends the series from `state` (flux and rotation per step) until `ending` is content, or to order
+    /// 6. Returns the rotation's slope at the start.
+    #[inline(always)]
+    pub(super) fn run_short(
+        state: [A; 3],
+        motor: &StepConstants<A>,
+        piece: &Piece,
+        ending: &mut impl Ending<A, SHORT>,
+    ) -> A {
+        let mut series = Self::from(state);
+        let s = &mut series;
+        s.extend_twice(0, motor, &piece.phasor);
+        s.extend_twice(2, motor, &piece.phasor);
+        if !ending.ends(s, 4) {
+            s.extend_twice(4, motor, &piece.phasor);
+            let _ = ending.ends(s, 6);
+        }
+        series.first_rotation()
+    }
+}
+
+impl<A: Arithmetic> Series<A, 5> {
     /// State at the end of a step by the series of order four.
     #[inline(always)]
     pub(super) fn of_order_four(state: [A; 3], motor: &StepConstants<A>, piece: &Piece) -> [A; 3] {
-        let mut series = Self {
-            a: [state[0]; ORDER + 1],
-            b: [state[1]; ORDER + 1],
-            r: [state[2]; ORDER + 1],
-        };
+        let mut series = Self::from(state);
         series.extend_twice(0, motor, &piece.phasor);
         series.extend_twice(2, motor, &piece.phasor);
         series.sum(4)
+    }
+}
+
+impl<A: Arithmetic, const TERMS: usize> Series<A, TERMS> {
+    #[inline(always)]
+    const fn from([a, b, r]: [A; 3]) -> Self {
+        Self {
+            a: [a; TERMS],
+            b: [b; TERMS],
+            r: [r; TERMS],
+        }
     }
 
     #[inline(always)]
@@ -133,7 +162,7 @@ impl<A: Arithmetic> Series<A> {
 
     /// Coefficient `k` of `r x`.
     #[inline(always)]
-    fn turn(&self, k: usize, x: &[A; ORDER + 1]) -> A {
+    fn turn(&self, k: usize, x: &[A; TERMS]) -> A {
         let r = &self.r;
         if k == 0 {
             return r[0] * x[0];
@@ -187,7 +216,7 @@ impl<A: Arithmetic> Series<A> {
 }
 
 #[inline(always)]
-fn total<A: Arithmetic>(c: &[A; ORDER + 1], order: usize) -> A {
+fn total<A: Arithmetic, const TERMS: usize>(c: &[A; TERMS], order: usize) -> A {
     let mut sum = c[order];
     for k in (0..order).rev() {
         sum = sum + c[k];

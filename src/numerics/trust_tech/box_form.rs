@@ -12,10 +12,11 @@ use super::{
     known::Known,
     projected_gradient,
     scaled::Scaled,
-    tiers::{Followed, Form, Reached},
+    tiers::{Followed, Form, Reached, Task},
 };
 use crate::numerics::{
-    Bounds, Cost, Expansion, LocalSolution, Objective, local_solver, objective::Counted,
+    Bounds, Cost, Expansion, LocalSolution, Objective, local_solver,
+    side_by_side::{self, Ask, Asking},
 };
 
 pub(super) struct BoxForm<'a> {
@@ -48,21 +49,22 @@ impl<'a> BoxForm<'a> {
 
     /// The local solver from a point where the expansion is known; none where it ends at the edge
     /// of the domain.
-    fn local_solution(
+    async fn local_solution(
         &self,
-        counted: &mut Counted<'_>,
+        asking: &mut Asking<'_>,
         start: (DVector<f64>, Expansion),
         known: &Known,
     ) -> Option<Reached> {
         let recognises = |x: &DVector<f64>, at: &Expansion| known.recognised(x, at).is_some();
         let found = local_solver::descend(
-            counted,
+            asking,
             &self.unit_bounds,
             start,
             &self.options.local,
             &known.guide(&recognises),
             self.cancel,
-        );
+        )
+        .await;
         Reached::new(found, known, |found| {
             self.scaled.unscaled(found, self.bounds)
         })
@@ -70,9 +72,9 @@ impl<'a> BoxForm<'a> {
 
     /// `q0 = x_s + (x_exit - x_s) + 0.1 P(x_exit)(x_exit - x_s)` (step 5), with a shorter overshoot
     /// where the objective does not exist that far; then the projected gradient system.
-    fn cross_into_next_region(
+    async fn cross_into_next_region(
         &self,
-        counted: &mut Counted<'_>,
+        asking: &mut Asking<'_>,
         origin: &DVector<f64>,
         exit: &DVector<f64>,
         known: &Known,
@@ -84,19 +86,20 @@ impl<'a> BoxForm<'a> {
                 .unit_bounds
                 .clamped(&(exit + (exit - origin) * overshoot));
             let reached = projected_gradient::integrate(
-                counted,
+                asking,
                 &self.unit_bounds,
                 q0,
                 (self.options.gradient_steps, self.options.step),
                 &recognises,
                 self.cancel,
-            );
+            )
+            .await;
             if reached.is_some() {
                 return reached;
             }
             overshoot *= 0.5;
         }
-        let at = counted.expansion(exit)?;
+        let at = asking.expansion(exit).await?;
         Some((exit.clone(), at))
     }
 }
@@ -109,13 +112,16 @@ impl Form for BoxForm<'_> {
         Known::new(solutions, &self.scaled, self.options, |_| true)
     }
 
-    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost) {
-        let mut counted = Counted::new(&self.scaled);
-        let start = (self.unit_bounds).clamped(&start.component_div(&self.scaled.spans));
-        let reached = counted
-            .expansion(&start)
-            .and_then(|at| self.local_solution(&mut counted, (start, at), known));
-        (reached, counted.cost)
+    fn settle(&self, starts: &[DVector<f64>], known: &Known) -> Vec<(Option<Reached>, Cost)> {
+        side_by_side::run(&self.scaled, starts.len(), &async |start, mut asking| {
+            let x = starts[start].component_div(&self.scaled.spans);
+            let start = self.unit_bounds.clamped(&x);
+            let reached = match asking.expansion(&start).await {
+                Some(at) => self.local_solution(&mut asking, (start, at), known).await,
+                None => None,
+            };
+            (reached, *asking.cost())
+        })
     }
 
     fn directions(&self, from: &LocalSolution) -> Vec<Direction> {
@@ -142,34 +148,43 @@ impl Form for BoxForm<'_> {
         directions.into_list()
     }
 
-    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed {
-        let mut counted = Counted::new(&self.scaled);
-        let origin = from.x.component_div(&self.scaled.spans);
-        let path = find_exit(
-            (&origin, from.value),
-            &direction.unit,
-            self.options,
-            &|_, y| Some(self.unit_bounds.clamped(y)),
-            &mut |points| {
-                if (self.cancel)() {
-                    vec![None; points.len()]
-                } else {
-                    counted.values(points)
+    fn follow(&self, tasks: &[Task], known: &Known) -> Vec<Followed> {
+        side_by_side::run(&self.scaled, tasks.len(), &async |task, mut asking| {
+            let Task {
+                local, direction, ..
+            } = &tasks[task];
+            let origin = local.x.component_div(&self.scaled.spans);
+            let path = find_exit(
+                (&origin, local.value),
+                &direction.unit,
+                self.options,
+                &|_, y| Some(self.unit_bounds.clamped(y)),
+                &mut async |points: &[DVector<f64>]| {
+                    if (self.cancel)() {
+                        vec![None; points.len()]
+                    } else {
+                        asking.values(points).await
+                    }
+                },
+            )
+            .await;
+            let mut reached = None;
+            if let PathEnd::Exit { point } = &path.end {
+                let inside = self
+                    .cross_into_next_region(&mut asking, &origin, point, known)
+                    .await;
+                if let Some(start) = inside {
+                    reached = self.local_solution(&mut asking, start, known).await;
                 }
-            },
-        );
-        let mut reached = None;
-        if let PathEnd::Exit { point } = &path.end {
-            let inside = self.cross_into_next_region(&mut counted, &origin, point, known);
-            reached = inside.and_then(|start| self.local_solution(&mut counted, start, known));
-        }
-        let spans = &self.scaled.spans;
-        Followed {
-            exit_point: path.exit_point().map(|point| point.component_mul(spans)),
-            path,
-            reached,
-            cost: counted.cost,
-            complete: !(self.cancel)(),
-        }
+            }
+            let spans = &self.scaled.spans;
+            Followed {
+                exit_point: path.exit_point().map(|point| point.component_mul(spans)),
+                path,
+                reached,
+                cost: *asking.cost(),
+                complete: !(self.cancel)(),
+            }
+        })
     }
 }

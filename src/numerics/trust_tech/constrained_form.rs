@@ -1,6 +1,7 @@
 //! The constrained problem: steps 1 to 6 of section 5 on the slack-variable form.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::{
     ConstrainedProblem, Options, UserDirection, UserDirectionKind, constrained_gradient,
@@ -13,9 +14,11 @@ use super::{
     scaled::Scaled,
     slack_form::SlackForm,
     tangent::Tangent,
-    tiers::{Followed, Form, Reached},
+    tiers::{Followed, Form, Reached, Task},
 };
-use crate::numerics::{Bounds, Cost, Expansion, LocalSolution, objective::Counted};
+use crate::numerics::{
+    Bounds, Cost, Expansion, LocalSolution, objective::Counted, side_by_side::at_once,
+};
 
 pub(super) struct ConstrainedForm<'a> {
     slack: SlackForm<'a>,
@@ -95,12 +98,12 @@ impl<'a> ConstrainedForm<'a> {
         unit: &DVector<f64>,
         known: &Known,
     ) -> (ExitSearch, Option<Reached>) {
-        let path = find_exit(
+        let path = at_once(find_exit(
             (origin, value),
             unit,
             self.options,
             &|x, y| self.projected(x, y),
-            &mut |points| {
+            &mut async |points: &[DVector<f64>]| {
                 if (self.cancel)() {
                     return vec![None; points.len()];
                 }
@@ -109,7 +112,7 @@ impl<'a> ConstrainedForm<'a> {
                     .collect();
                 counted.values(&parameters)
             },
-        );
+        ));
         let PathEnd::Exit { point } = &path.end else {
             return (path, None);
         };
@@ -132,13 +135,13 @@ impl<'a> ConstrainedForm<'a> {
         known: &Known,
     ) -> (ExitSearch, Option<Reached>) {
         let energy = |p: &DVector<f64>| quotient_gradient::energy(&self.slack, p);
-        let path = find_exit(
+        let path = at_once(find_exit(
             (origin, energy(origin).unwrap_or(0.0)),
             unit,
             self.options,
             &|_, y| Some(self.slack.bounds.clamped(y)),
-            &mut |points| points.iter().map(energy).collect(),
-        );
+            &mut async |points: &[DVector<f64>]| points.iter().map(energy).collect(),
+        ));
         let PathEnd::Exit { point } = &path.end else {
             return (path, None);
         };
@@ -266,16 +269,8 @@ impl<'a> ConstrainedForm<'a> {
             directions.add(label.clone(), way);
         }
     }
-}
 
-impl Form for ConstrainedForm<'_> {
-    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known {
-        Known::new(solutions, self.scaled, self.options, |p| {
-            self.slack.is_free_of_own_constraints(p)
-        })
-    }
-
-    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost) {
+    fn settle_one(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost) {
         let mut counted = Counted::new(self.scaled);
         let found = self
             .feasible(&start.component_div(&self.scaled.spans))
@@ -283,26 +278,7 @@ impl Form for ConstrainedForm<'_> {
         (found, counted.cost)
     }
 
-    fn directions(&self, from: &LocalSolution) -> Vec<Direction> {
-        let mut directions = Directions::new(self.options);
-        let curvature = self.scaled.scaled_curvature(&from.curvature);
-        let ways = self.ways(from);
-        if let Some(x) = self.slack.lifted(&from.x.component_div(&self.scaled.spans)) {
-            let expansion = Expansion {
-                value: from.value,
-                gradient: from.gradient.component_mul(&self.scaled.spans),
-                curvature: curvature.clone(),
-            };
-            let at = Feasible { x, expansion };
-            // Without the constraints' derivatives there are no eigenvectors; the ways remain.
-            let _ = self.add_tangent_eigenvectors(&mut directions, &at);
-            self.add_ways(&mut directions, &at.x, &ways);
-        }
-        self.add_quotient_directions(&mut directions, &curvature, &ways);
-        directions.into_list()
-    }
-
-    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed {
+    fn follow_one(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed {
         let mut counted = Counted::new(self.scaled);
         let origin = from.x.component_div(&self.scaled.spans);
         let (path, reached) = match direction.kind {
@@ -327,5 +303,44 @@ impl Form for ConstrainedForm<'_> {
             cost: counted.cost,
             complete: !(self.cancel)(),
         }
+    }
+}
+
+impl Form for ConstrainedForm<'_> {
+    fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known {
+        Known::new(solutions, self.scaled, self.options, |p| {
+            self.slack.is_free_of_own_constraints(p)
+        })
+    }
+
+    fn settle(&self, starts: &[DVector<f64>], known: &Known) -> Vec<(Option<Reached>, Cost)> {
+        (starts.par_iter())
+            .map(|start| self.settle_one(start, known))
+            .collect()
+    }
+
+    fn directions(&self, from: &LocalSolution) -> Vec<Direction> {
+        let mut directions = Directions::new(self.options);
+        let curvature = self.scaled.scaled_curvature(&from.curvature);
+        let ways = self.ways(from);
+        if let Some(x) = self.slack.lifted(&from.x.component_div(&self.scaled.spans)) {
+            let expansion = Expansion {
+                value: from.value,
+                gradient: from.gradient.component_mul(&self.scaled.spans),
+                curvature: curvature.clone(),
+            };
+            let at = Feasible { x, expansion };
+            // Without the constraints' derivatives there are no eigenvectors; the ways remain.
+            let _ = self.add_tangent_eigenvectors(&mut directions, &at);
+            self.add_ways(&mut directions, &at.x, &ways);
+        }
+        self.add_quotient_directions(&mut directions, &curvature, &ways);
+        directions.into_list()
+    }
+
+    fn follow(&self, tasks: &[Task], known: &Known) -> Vec<Followed> {
+        (tasks.par_iter())
+            .map(|task| self.follow_one(&task.local, &task.direction, known))
+            .collect()
     }
 }

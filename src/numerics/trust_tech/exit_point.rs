@@ -54,9 +54,6 @@ const FALL_WITHOUT_RISE: f64 = 1e-3;
 /// `(x, y) -> x + P(x)(y - x)`; none where there is no such point.
 pub(super) type Projection<'a> = &'a dyn Fn(&DVector<f64>, &DVector<f64>) -> Option<DVector<f64>>;
 
-/// The objective at some points.
-pub(super) type Values<'a> = &'a mut dyn FnMut(&[DVector<f64>]) -> Vec<Option<f64>>;
-
 /// Points of a path that are evaluated together: a path does not depend on the objective until it
 /// ends, and an objective may take several points at the price of one.
 const POINTS_AHEAD: usize = 8;
@@ -67,12 +64,12 @@ const POINTS_AHEAD: usize = 8;
 /// back into the feasible set, `x + P(x)(y - x)` (step 2; none when it cannot); then the direction
 /// is turned to point from the start to where the path now is, `d = (x - x_s) / |x - x_s|`
 /// (step 3), so that the path moves away from the start even where the constraints bend it.
-pub(super) fn find_exit(
+pub(super) async fn find_exit(
     start: (&DVector<f64>, f64),
     unit: &DVector<f64>,
     options: &Options,
     project: Projection<'_>,
-    values: Values<'_>,
+    values: &mut impl AsyncFnMut(&[DVector<f64>]) -> Vec<Option<f64>>,
 ) -> ExitSearch {
     let (origin, value_at_origin) = start;
     let mut path = Path::new(origin, unit, options, project);
@@ -83,7 +80,7 @@ pub(super) fn find_exit(
         if points.is_empty() {
             return ended(profile, distance, false);
         }
-        for (point, value) in values(&points).into_iter().enumerate() {
+        for (point, value) in values(&points).await.into_iter().enumerate() {
             let Some(value) = value else {
                 return ended(profile, distance, true);
             };

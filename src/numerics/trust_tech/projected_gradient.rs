@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::numerics::{Bounds, Expansion, objective::Counted};
+use crate::numerics::{Bounds, Expansion, side_by_side::Ask};
 
 /// Times a step may be halved before the integration stops where it is.
 const HALVINGS_MAX: u32 = 8;
@@ -15,15 +15,15 @@ const HALVINGS_MAX: u32 = 8;
 /// a long step, and unlike the explicit rule it is not held up by stiffness. The first step is
 /// `length` long along the gradient; from then on h doubles, and is halved instead where the
 /// objective does not exist or would rise (section 5).
-pub(super) fn integrate(
-    counted: &mut Counted<'_>,
+pub(super) async fn integrate<A: Ask>(
+    asking: &mut A,
     bounds: &Bounds,
     mut x: DVector<f64>,
     (steps, length): (usize, f64),
     recognises: &dyn Fn(&DVector<f64>, &Expansion) -> bool,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<(DVector<f64>, Expansion)> {
-    let mut at = counted.expansion(&x)?;
+    let mut at = asking.expansion(&x).await?;
     let mut duration = length / projected(&at.gradient, &x, bounds).norm();
     for _ in 0..steps {
         if recognises(&x, &at) {
@@ -37,7 +37,10 @@ pub(super) fn integrate(
             }
             let step = implicit_euler_step(&gradient, &at.curvature, duration);
             let trial = step.map(|step| bounds.clamped(&(&x + step)));
-            let expansion = trial.as_ref().and_then(|trial| counted.expansion(trial));
+            let expansion = match &trial {
+                Some(trial) => asking.expansion(trial).await,
+                None => None,
+            };
             match (trial, expansion) {
                 (Some(trial), Some(expansion)) if expansion.value <= at.value => {
                     break (trial, expansion);

@@ -62,11 +62,24 @@ impl Objective for Scaled<'_> {
     }
 
     fn expansion(&self, u: &DVector<f64>) -> Option<Expansion> {
-        let at = self.objective.expansion(&u.component_mul(&self.spans))?;
-        Some(Expansion {
+        Some(self.scaled(&self.objective.expansion(&u.component_mul(&self.spans))?))
+    }
+
+    fn expansions(&self, points: &[DVector<f64>]) -> Vec<Option<Expansion>> {
+        let points: Vec<_> = (points.iter())
+            .map(|u| u.component_mul(&self.spans))
+            .collect();
+        let expansions = self.objective.expansions(&points).into_iter();
+        expansions.map(|at| Some(self.scaled(&at?))).collect()
+    }
+}
+
+impl Scaled<'_> {
+    fn scaled(&self, at: &Expansion) -> Expansion {
+        Expansion {
             value: at.value,
             gradient: at.gradient.component_mul(&self.spans),
             curvature: self.scaled_curvature(&at.curvature),
-        })
+        }
     }
 }

@@ -3,7 +3,6 @@
 use std::{collections::VecDeque, ops::Range};
 
 use nalgebra::DVector;
-use rayon::prelude::*;
 
 use super::{
     DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search, Starts,
@@ -17,13 +16,13 @@ use crate::numerics::{Cost, Expansion, LocalSolution, local_solver::Termination}
 pub(super) trait Form: Sync {
     /// What a formulation keeps of the solutions known so far.
     fn known(&self, solutions: &mut dyn Iterator<Item = &LocalSolution>) -> Known;
-    /// The local solution that a start leads to; none when no feasible point is reached (steps 1
+    /// The local solution that each start leads to; none when no feasible point is reached (steps 1
     /// and 2 of section 5).
-    fn settle(&self, start: &DVector<f64>, known: &Known) -> (Option<Reached>, Cost);
+    fn settle(&self, starts: &[DVector<f64>], known: &Known) -> Vec<(Option<Reached>, Cost)>;
     /// The directions to be followed from a solution (step 3).
     fn directions(&self, from: &LocalSolution) -> Vec<Direction>;
-    /// Follows one of them (steps 4 to 6).
-    fn follow(&self, from: &LocalSolution, direction: &Direction, known: &Known) -> Followed;
+    /// Follows some of them (steps 4 to 6), each from the same state of knowledge.
+    fn follow(&self, tasks: &[Task], known: &Known) -> Vec<Followed>;
 }
 
 /// Where the local solver ended.
@@ -102,11 +101,14 @@ pub(super) fn explore(
 }
 
 /// A direction that is waiting to be followed.
-struct Task {
+pub(super) struct Task {
+    /// Number of the solution it starts from.
     from: usize,
-    local: LocalSolution,
+    /// That solution.
+    pub(super) local: LocalSolution,
+    /// Number of the direction there.
     number: usize,
-    direction: Direction,
+    pub(super) direction: Direction,
 }
 
 struct Explorer<'a> {
@@ -149,10 +151,7 @@ impl Explorer<'_> {
                 return Some(ended);
             }
             let (form, known) = (self.form, self.known());
-            let settled: Vec<_> = (some.par_iter())
-                .map(|start| form.settle(start, &known))
-                .collect();
-            for (reached, cost) in settled {
+            for (reached, cost) in form.settle(some, &known) {
                 self.cost += cost;
                 if let Some(reached) = reached {
                     self.admit(reached, 0, None);
@@ -219,9 +218,7 @@ impl Explorer<'_> {
 
     fn follow_side_by_side(&mut self, tasks: Vec<Task>, tier: usize) {
         let (form, known) = (self.form, self.known());
-        let followed: Vec<Followed> = (tasks.par_iter())
-            .map(|task| form.follow(&task.local, &task.direction, &known))
-            .collect();
+        let followed = form.follow(&tasks, &known);
         for (task, followed) in tasks.into_iter().zip(followed) {
             self.cost += followed.cost;
             // A direction that was cut short has no outcome to record.

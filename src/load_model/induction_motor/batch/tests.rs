@@ -1,6 +1,8 @@
 use super::*;
+use crate::numerics::Scalar;
 
 const FULL_TURN: f64 = 376.99;
+const ROUGH: Effort = Effort::Rough { looseness: 10_000 };
 
 /// A dip to half with an angle, 0.1 s at 60 samples per second, then a slow swing.
 fn input(dense: bool) -> TerminalInput {
@@ -65,7 +67,7 @@ fn on(
             out[motor].push([bits(p[lane]), bits(q[lane])]);
         }
     };
-    simulate_batch_on(arch, motors, input, effort, &mut sink);
+    simulate_batch_on(arch, motors, &BatchInput::new(input), effort, &mut sink);
     out
 }
 
@@ -97,6 +99,7 @@ fn every_instruction_set_gives_the_same_bits() {
     let (motors, input) = (motors(), input(true));
     for effort in [
         Effort::Exact,
+        ROUGH,
         Effort::Fixed {
             steps_per_sample: 2,
         },
@@ -111,6 +114,7 @@ fn a_motor_in_a_batch_does_not_depend_on_its_companions() {
     let (motors, input) = (motors(), input(false));
     for effort in [
         Effort::Exact,
+        ROUGH,
         Effort::Fixed {
             steps_per_sample: 4,
         },
@@ -178,4 +182,87 @@ fn a_motor_that_overflows_leaves_the_others_alone() {
     for i in (0..motors.len()).filter(|i| *i != 3) {
         assert!(before[i] == after[i]);
     }
+}
+
+/// A motor with derivatives by ln alpha, ln nu and kappa.
+fn sensitive(motor: &MotorCoordinates<f64>) -> MotorCoordinates<Slopes> {
+    MotorCoordinates {
+        alpha_per_s: Slopes::variable(motor.alpha_per_s.ln(), 0).exp(),
+        nu_per_s2: Slopes::variable(motor.nu_per_s2.ln(), 1).exp(),
+        kappa: Slopes::variable(motor.kappa, 2),
+    }
+}
+
+/// Per motor and instant, P and its derivatives.
+#[derive(Default)]
+struct Kept(Vec<Vec<[f64; 4]>>);
+
+impl BatchSink for Kept {
+    #[inline(always)]
+    fn output(&mut self, instant: usize, motors: &[usize], active: &[f64], _: &[f64]) {
+        for (motor, p) in motors.iter().zip(active) {
+            assert_eq!(self.0[*motor].len(), instant);
+            self.0[*motor].push([*p, 0.0, 0.0, 0.0]);
+        }
+    }
+
+    #[inline(always)]
+    fn slope(&mut self, instant: usize, motors: &[usize], i: usize, active: &[f64], _: &[f64]) {
+        for (motor, p) in motors.iter().zip(active) {
+            self.0[*motor][instant][1 + i] = *p;
+        }
+    }
+}
+
+fn with_slopes(arch: Arch, motors: &[MotorCoordinates<f64>], effort: Effort) -> Kept {
+    let motors: Vec<_> = motors.iter().map(sensitive).collect();
+    let mut kept = Kept(vec![Vec::new(); motors.len()]);
+    let input = input(false);
+    let input = BatchInput::new(&input);
+    simulate_batch_with_slopes_on(arch, &motors, &input, effort, &mut kept);
+    kept
+}
+
+#[test]
+fn rough_slopes_depend_neither_on_companions_nor_on_the_instruction_set() {
+    let motors = motors();
+    let all = with_slopes(Arch::new(), &motors, ROUGH);
+    let portable = with_slopes(Arch::Scalar, &motors, ROUGH);
+    for (i, motor) in motors.iter().enumerate() {
+        let alone = with_slopes(Arch::new(), std::slice::from_ref(motor), ROUGH);
+        let bits = |rows: &[[f64; 4]]| -> Vec<u64> {
+            rows.iter().flatten().map(|x| x.to_bits()).collect()
+        };
+        assert_eq!(
+            bits(&all.0[i]),
+            bits(&alone.0[0]),
+            "motor {i} and companions"
+        );
+        assert_eq!(bits(&all.0[i]), bits(&portable.0[i]), "motor {i}, portable");
+    }
+}
+
+#[test]
+fn a_rough_simulation_is_as_near_to_the_exact_one_as_its_looseness_says() {
+    let motors = motors();
+    let exact = with_slopes(Arch::new(), &motors, Effort::Exact);
+    let rough = with_slopes(Arch::new(), &motors, ROUGH);
+    let apart = |i: usize, column: usize| {
+        let rows = exact.0[i].iter().zip(&rough.0[i]);
+        let apart = rows.clone().map(|(e, r)| (e[column] - r[column]).abs());
+        let size = rows.map(|(e, _)| e[column].abs());
+        apart.fold(0.0, f64::max) / size.fold(0.0, f64::max)
+    };
+    let feasible: Vec<usize> = (0..motors.len()).filter(|i| *i != 20).collect();
+    // Steps of ten-thousandfold tolerance, some 1e-5 of the power each.
+    let mut of_power: Vec<f64> = feasible.iter().map(|i| apart(*i, 0)).collect();
+    of_power.sort_by(f64::total_cmp);
+    let (median, largest) = (of_power[of_power.len() / 2], of_power[of_power.len() - 1]);
+    assert!(median < 1e-5 && largest < 1e-2, "{median:e} {largest:e}");
+    let mut of_slopes: Vec<f64> = (feasible.iter())
+        .flat_map(|i| [1, 2, 3].map(|column| apart(*i, column)))
+        .collect();
+    of_slopes.sort_by(f64::total_cmp);
+    let median = of_slopes[of_slopes.len() / 2];
+    assert!(median < 1e-4, "{median:e}");
 }
