@@ -3,7 +3,7 @@
 //!
 //! One small site for each kind of effect, made by the truth simulator, and as candidates one effect of
 //! each kind, so that an unoptimised build is through in time; how often the answers are right over
-//! many sites and the whole catalogue is measured by `examples/diagnosis_study.rs`
+//! many sites and the whole catalogue is measured by `examples/diagnosis_study`
 //! (`docs/diagnosis-rates.md`).
 #![allow(
     clippy::unwrap_used,

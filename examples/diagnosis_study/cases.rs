@@ -1,0 +1,234 @@
+//! One site of the study: made, diagnosed, improved.
+
+use std::collections::BTreeMap;
+
+use loadmodeld::{
+    adapters::recordings::site_folder,
+    diagnosis::{Change, DiagnosisOptions, Improvement, improve},
+    disturbance::{ScreeningOptions, Window, screen},
+    load_model::effects::catalogue,
+    truth::{Effect, StudyShape, SyntheticSite, study_site},
+};
+use serde_json::{Value, json};
+
+/// What a site hides.
+#[derive(Clone, Copy)]
+pub enum Hidden {
+    Nothing,
+    Single(Effect),
+    Pair([Effect; 2]),
+    /// An effect that the catalogue is made not to have.
+    Outside(Effect),
+}
+
+pub struct Case {
+    seed: u64,
+    number: u64,
+    hidden: Hidden,
+}
+
+/// Descriptions that the truth calls equal.
+const EQUALS: [[&str; 2]; 1] = [["electronic_load_dropout", "self_disconnection"]];
+
+pub fn same(truth: &str, named: &str) -> bool {
+    let equal = |pair: &[&str; 2]| pair.contains(&truth) && pair.contains(&named);
+    truth == named || EQUALS.iter().any(equal)
+}
+
+impl Hidden {
+    /// Every effect meets others as numbers go on; none where it would meet itself.
+    pub fn pair(number: u64) -> Option<Self> {
+        let found =
+            |effect: &Effect| !["stator_resistance", "phasor_window"].contains(&effect.name());
+        let all: Vec<Effect> = Effect::ALL.into_iter().filter(found).collect();
+        let pick = |k: u64| all[usize::try_from(k % all.len() as u64).unwrap()];
+        let two = [pick(number), pick(number * 7 + 5)];
+        (two[0] != two[1]).then_some(Self::Pair(two))
+    }
+
+    fn effects(&self) -> Vec<Effect> {
+        match self {
+            Self::Nothing => Vec::new(),
+            Self::Single(effect) | Self::Outside(effect) => vec![*effect],
+            Self::Pair(two) => two.to_vec(),
+        }
+    }
+
+    fn kind(&self) -> &'static str {
+        match self {
+            Self::Nothing => "nothing",
+            Self::Single(_) => "single",
+            Self::Pair(_) => "pair",
+            Self::Outside(_) => "outside",
+        }
+    }
+}
+
+/// The number of a study's site: distinct for every kind of case.
+fn site_number(hidden: Hidden, number: u64) -> u64 {
+    let code = |effect: Effect| Effect::ALL.iter().position(|e| *e == effect).unwrap() as u64;
+    match hidden {
+        Hidden::Nothing => 99_000 + number,
+        Hidden::Single(effect) => 1_000 * code(effect) + number,
+        Hidden::Outside(effect) => 100_000 + 1_000 * code(effect) + number,
+        Hidden::Pair(_) => 200_000 + number,
+    }
+}
+
+impl Case {
+    pub fn new(seed: u64, number: u64, hidden: Hidden) -> Self {
+        Self {
+            seed,
+            number,
+            hidden,
+        }
+    }
+
+    pub fn name(&self) -> String {
+        let effects: Vec<&str> = self
+            .hidden
+            .effects()
+            .into_iter()
+            .map(Effect::name)
+            .collect();
+        let kind = self.hidden.kind();
+        format!("{} {kind} {} {}", self.seed, effects.join("+"), self.number)
+    }
+
+    /// Noise, rate and number of events: every combination comes up.
+    fn shape(&self) -> StudyShape {
+        let of = |values: &[f64], step: u64| {
+            let count = values.len() as u64;
+            values[usize::try_from(self.number / step % count).unwrap()]
+        };
+        StudyShape {
+            effects: self.hidden.effects(),
+            noise: of(&[0.001, 0.000_5, 0.002], 1),
+            rate_fps: of(&[60.0, 50.0, 120.0, 30.0], 2),
+            events: [10, 12, 8, 6][usize::try_from(self.number % 4).unwrap()],
+            ..StudyShape::default()
+        }
+    }
+
+    /// One line of the study; none where the truth simulator refuses the site.
+    pub fn run(&self) -> Option<Value> {
+        let shape = self.shape();
+        let made = match study_site(self.seed, site_number(self.hidden, self.number), &shape) {
+            Ok(made) => made,
+            Err(error) => {
+                println!("{}: not generated: {error}", self.name());
+                return None;
+            }
+        };
+        let windows = windows(&made);
+        let mut options = DiagnosisOptions::default();
+        if let Hidden::Outside(effect) = self.hidden {
+            let names = catalogue().iter().map(|e| e.declaration().name);
+            options.excluded = names
+                .filter(|name| same(effect.name(), name))
+                .map(str::to_owned)
+                .collect();
+        }
+        let improved = |change: &Change| {
+            let structure = ["zip".to_owned(), "induction_motor".to_owned()];
+            let site = &made.options.site;
+            improve(
+                site,
+                &windows,
+                &structure,
+                change,
+                &options,
+                &|_| (),
+                &|| false,
+            )
+            .unwrap()
+        };
+        let found = improved(&Change::UntilAdequate);
+        let resistance = made.options.motor.stator_resistance > 0.0;
+        Some(self.line(
+            &made,
+            &windows,
+            &found,
+            resistance.then(|| {
+                // What is left for the hidden effect to explain, once the resistance is in the model.
+                let with = found.steps.iter().find(|step| {
+                    step.structure
+                        .last()
+                        .is_some_and(|last| last == "stator_resistance")
+                });
+                with.map_or_else(
+                    || {
+                        let add = vec!["stator_resistance".to_owned()];
+                        let by_hand = improved(&Change::ByHand {
+                            add,
+                            remove: Vec::new(),
+                        });
+                        by_hand.steps.last().unwrap().errors.fit.error_to_noise
+                    },
+                    |step| step.errors.fit.error_to_noise,
+                )
+            }),
+        ))
+    }
+
+    fn line(
+        &self,
+        made: &SyntheticSite,
+        windows: &[Window],
+        found: &Improvement,
+        with_resistance: Option<f64>,
+    ) -> Value {
+        let diagnoses: Vec<_> = found.diagnoses.iter().chain([&found.last]).collect();
+        let answers: Vec<_> = diagnoses.iter().map(|d| &d.answer_set).collect();
+        let first = diagnoses[0];
+        let lowest = windows
+            .iter()
+            .map(|w| w.record.lowest_voltage_pu())
+            .fold(f64::INFINITY, f64::min);
+        let parameters: BTreeMap<&str, f64> = made
+            .options
+            .effects
+            .iter()
+            .flat_map(|h| h.values().map(|(p, value)| (p.name, value)))
+            .collect();
+        let candidates: Vec<_> = first
+            .candidates
+            .iter()
+            .take(4)
+            .map(|c| {
+                json!([
+                    c.effect,
+                    c.delta_bic,
+                    c.held_out_error_before,
+                    c.held_out_error_after,
+                    c.refused
+                ])
+            })
+            .collect();
+        let shape = self.shape();
+        json!({
+            "case": self.name(), "kind": self.hidden.kind(),
+            "truth": self.hidden.effects().into_iter().map(Effect::name).collect::<Vec<_>>(),
+            "number": self.number, "noise": shape.noise, "rate_fps": shape.rate_fps, "events": windows.len(),
+            "lowest_voltage": lowest, "with_resistance": with_resistance,
+            "status": first.status.name(), "last_status": found.last.status.name(), "answers": answers,
+            "added": found.steps.iter().filter_map(|s| s.added.as_deref()).collect::<Vec<_>>(),
+            "structure": found.steps.last().unwrap().structure,
+            "fitted": found.steps.iter().map(|s| s.errors.fit.error_to_noise).collect::<Vec<_>>(),
+            "quoted": found.steps.iter().map(|s| s.errors.quoted().error_to_noise).collect::<Vec<_>>(),
+            "noise_floor": first.noise_floor, "candidates": candidates, "reasons": first.reasons,
+            "parameters": parameters,
+        })
+    }
+}
+
+fn windows(made: &SyntheticSite) -> Vec<Window> {
+    let numbered = made.records.iter().zip(1..);
+    numbered
+        .map(|(record, number)| Window {
+            id: format!("event_{number:02}"),
+            ..site_folder::window(&made.options.site, record)
+        })
+        .filter(|window| screen(window, &ScreeningOptions::default()).usable())
+        .collect()
+}

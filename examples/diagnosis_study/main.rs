@@ -1,0 +1,129 @@
+//! How often the diagnosis is right, on generated sites whose truth is known.
+//!
+//! `cargo run --release --example diagnosis_study -- [--seed N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--plain N] --lines FILE`
+//! tries every effect of the truth simulator in `--sites` sites of its own, pairs of effects in `--pairs`,
+//! effects taken out of the catalogue in `--outside` sites each, nothing hidden in `--plain`: one line of
+//! JSON per site is added to `--lines`, and what is there already is not tried again.
+//!
+//! `cargo run --release --example diagnosis_study -- --summary FILE` prints the tables of
+//! `docs/diagnosis-rates.md` from such lines.
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::disallowed_methods,
+    reason = "a study prints its tables, stops at the first surprise and tells its time"
+)]
+
+mod cases;
+mod summary;
+
+use std::{
+    collections::HashSet,
+    fs::{File, OpenOptions, read_to_string},
+    io::Write,
+    time::Instant,
+};
+
+use cases::{Case, Hidden};
+use loadmodeld::truth::Effect;
+use serde_json::Value;
+
+#[derive(Default)]
+struct Arguments {
+    seed: u64,
+    sites: u64,
+    pairs: u64,
+    outside: u64,
+    plain: u64,
+    only: Option<String>,
+    lines: Option<String>,
+    summary: Option<String>,
+}
+
+fn arguments() -> Arguments {
+    let mut found = Arguments {
+        seed: 2026,
+        ..Arguments::default()
+    };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let value = words.next().unwrap();
+        match word.as_str() {
+            "--seed" => found.seed = value.parse().unwrap(),
+            "--sites" => found.sites = value.parse().unwrap(),
+            "--pairs" => found.pairs = value.parse().unwrap(),
+            "--outside" => found.outside = value.parse().unwrap(),
+            "--plain" => found.plain = value.parse().unwrap(),
+            "--only" => found.only = Some(value),
+            "--lines" => found.lines = Some(value),
+            "--summary" => found.summary = Some(value),
+            other => panic!("unknown option {other}"),
+        }
+    }
+    found
+}
+
+/// Every kind of case in turn, so that an interrupted study has tried each about as often.
+fn cases(asked: &Arguments) -> Vec<Case> {
+    let wanted = |effect: &Effect| {
+        let only = asked.only.as_ref();
+        only.is_none_or(|only| only.split(',').any(|name| name == effect.name()))
+    };
+    let effects: Vec<Effect> = Effect::ALL.into_iter().filter(wanted).collect();
+    let mut cases = Vec::new();
+    for number in 0..asked.sites.max(asked.outside) {
+        for effect in &effects {
+            if number < asked.sites {
+                cases.push(Case::new(asked.seed, number, Hidden::Single(*effect)));
+            }
+            if number < asked.outside {
+                cases.push(Case::new(asked.seed, number, Hidden::Outside(*effect)));
+            }
+        }
+    }
+    let pairs = (0..asked.pairs).filter_map(|number| Hidden::pair(number).map(|p| (number, p)));
+    cases.extend(pairs.map(|(number, pair)| Case::new(asked.seed, number, pair)));
+    cases.extend((0..asked.plain).map(|number| Case::new(asked.seed, number, Hidden::Nothing)));
+    cases
+}
+
+fn read(path: &str) -> Vec<Value> {
+    let text = read_to_string(path).unwrap_or_default();
+    text.lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
+}
+
+fn main() {
+    let asked = arguments();
+    if let Some(path) = &asked.summary {
+        summary::print(&read(path));
+        return;
+    }
+    let path = asked.lines.as_deref().expect("--lines FILE");
+    let known = |line: &Value| line["case"].as_str().map(str::to_owned);
+    let tried: HashSet<String> = read(path).iter().filter_map(known).collect();
+    let mut file: File = OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(path)
+        .unwrap();
+    for case in cases(&asked)
+        .iter()
+        .filter(|case| !tried.contains(&case.name()))
+    {
+        let begun = Instant::now();
+        let Some(mut line) = case.run() else { continue };
+        line["seconds"] = begun.elapsed().as_secs_f64().into();
+        println!(
+            "{}: {} {} error {} {:.0} s",
+            case.name(),
+            line["status"].as_str().unwrap_or_default(),
+            line["answers"],
+            line["fitted"],
+            begun.elapsed().as_secs_f64()
+        );
+        writeln!(file, "{line}").unwrap();
+    }
+}
