@@ -42,6 +42,7 @@ pub struct Outcome {
     ends: [u64; ENDS.len()],
     missing: u64,
     dropped: u64,
+    samples_per_message: u64,
     lags_ms: Vec<f64>,
     /// Upper bounds in milliseconds, and messages that took no longer.
     through: Vec<(f64, u64)>,
@@ -82,6 +83,7 @@ pub fn run(load: &Load) -> Outcome {
             ends: ENDS.map(|outcome| samples(&metrics, outcome)),
             missing: samples(&metrics, "missing") + samples(&metrics, "skipped"),
             dropped: sum(&metrics, "loadmodeld_messages_dropped_total", "measurement"),
+            samples_per_message: load.payload.samples() as u64,
             through: through(&metrics),
             sent,
             lags_ms,
@@ -148,7 +150,8 @@ impl Outcome {
     /// Samples that came to no end that is counted.
     fn unexplained(&self) -> i64 {
         let count = |n: u64| i64::try_from(n).expect("a count");
-        count(self.sent.samples) - self.ends.iter().map(|n| count(*n)).sum::<i64>()
+        let ended: i64 = self.ends.iter().map(|n| count(*n)).sum();
+        count(self.sent.samples) - ended - count(self.dropped * self.samples_per_message)
     }
 
     /// Upper bound of the bucket that holds a share of the messages, milliseconds.

@@ -25,6 +25,7 @@ use super::{
 const BETWEEN: u64 = 300;
 
 #[test]
+#[allow(clippy::too_many_lines, reason = "one history from start to end")]
 fn faults_of_the_network_before_zenoh_cost_what_they_hit_and_it_is_counted() {
     let place = Place::listening();
     let daemon = place.start();
@@ -140,7 +141,7 @@ fn a_store_that_does_not_answer_holds_up_windows_and_not_the_intake() {
     let accepted = format!("loadmodeld_samples_total{{outcome=\"accepted\",site=\"{SITE}\"}}");
     // Somebody writes and does not end.
     let holder = rusqlite::Connection::open(place.store()).unwrap();
-    holder.busy_timeout(Duration::from_secs(60)).unwrap();
+    holder.busy_timeout(Duration::from_mins(1)).unwrap();
     holder.execute_batch("BEGIN IMMEDIATE").unwrap();
     let publisher = Publisher::with(options, vec![SITE.to_owned()]);
     wait_for("windows that wait", || {

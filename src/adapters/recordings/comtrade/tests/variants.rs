@@ -15,6 +15,9 @@ fn state(channel: usize, sample: usize) -> bool {
     (channel + sample / 3) % 4 == 1
 }
 
+/// Rates, multiplier, digits of the first stamp's fraction, and each sample's stamp.
+type Case<'a> = (&'a str, &'a str, &'a str, &'a dyn Fn(usize) -> String);
+
 /// `analog` and `digital` channels, values `0.25 code - 3` in kV.
 fn wide(analog: usize, digital: usize, revision: &str, format: &str) -> String {
     let mut text = format!("s,r{revision}\n{},{analog}A,{digital}D\n", analog + digital);
@@ -216,7 +219,7 @@ fn rates_and_stamps_in_every_combination_give_the_same_times() {
     let tenths = |k: usize| format!("{:.0}", times[k] * 1e7);
     let none = |_: usize| String::new();
     let fine = ".000000000";
-    let cases: [(&str, &str, &str, &dyn Fn(usize) -> String); 7] = [
+    let cases: [Case<'_>; 7] = [
         ("2\n1000,4\n2000,6", "1", ".000000", &microseconds),
         ("2\n1000,4\n2000,6", "1", ".000000", &none),
         ("2\n1000,4\n2000,6", "0.1", ".000000", &tenths),
