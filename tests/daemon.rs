@@ -8,6 +8,8 @@
     reason = "a test that cannot go on should fail, and one that is left out should say so"
 )]
 
+#[path = "daemon/faults.rs"]
+mod faults;
 #[path = "daemon/killed.rs"]
 mod killed;
 #[path = "daemon/simulator.rs"]

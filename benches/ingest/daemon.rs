@@ -1,5 +1,7 @@
-//! A daemon with many streams of frames, one site each. Every frame carries the time at which it is put, so
-//! that the lag the daemon shows is the time from the put to behind the detector: zenoh included.
+//! A daemon with many streams, one site each, and their sender in a process of its own. The newest sample of a
+//! message carries the time at which the message is due, so that the lag the daemon shows is the time from the
+//! put to the detector, zenoh and the sender's own lateness included; the daemon's histogram has the time from
+//! arrival to behind the detector, of every message.
 
 use std::{
     collections::BTreeMap,
@@ -7,159 +9,121 @@ use std::{
     fmt::Write as _,
     io::{Read, Write},
     net::{SocketAddr, TcpStream},
-    sync::Arc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     thread,
     time::Duration,
 };
 
 use loadmodeld::{
-    adapters::zenoh::{self, Encoding, Keys, Mode, ZenohOptions},
     config::Config,
-    daemon::{self, Settings, clock},
+    daemon::{self, Settings},
 };
 use tokio::runtime::Runtime;
 
 use super::{
     clock::wall_seconds,
-    source::{Payload, STREAM, Source, site},
+    sender::{self, Load, Sent, name},
     transport::process_cpu_seconds,
 };
 
-/// Time between two looks at the lags, seconds.
-const LOOK_S: f64 = 1.0;
-/// Seconds before lags count: the first lag time of every grid.
-const WARM_UP_S: f64 = 3.0;
-const QUEUE: usize = 100_000;
+/// Time between two looks at the lags, seconds: as often as a Prometheus may look.
+const LOOK_S: f64 = 5.0;
+/// Longest wait for what is on its way when the sender has ended, seconds.
+const REST_S: f64 = 30.0;
+/// What may become of a sample.
+const ENDS: [&str; 4] = ["accepted", "late", "duplicate", "refused"];
 
 pub struct Outcome {
-    sent: u64,
-    accepted: u64,
-    dropped: u64,
+    sent: Sent,
+    /// Samples by what became of them.
+    ends: [u64; ENDS.len()],
     missing: u64,
-    late_puts: f64,
+    dropped: u64,
+    samples_per_message: u64,
     lags_ms: Vec<f64>,
+    /// Upper bounds in milliseconds, and messages that took no longer.
+    through: Vec<(f64, u64)>,
     cores: f64,
     resident_mb: f64,
     grown_kb_per_stream: f64,
 }
 
-pub fn run(streams: usize, per_message: usize, rate_fps: f64, seconds: f64) -> Outcome {
+pub fn run(load: &Load) -> Outcome {
     let directory = tempfile::tempdir().unwrap();
-    let config = config(
-        streams,
-        &directory.path().join("store.sqlite").display().to_string(),
-    );
+    let store = directory.path().join("store.sqlite");
+    let config = config(load.streams, &store.display().to_string());
     let config = Config::parse(&config, "bench").unwrap();
     let settings = Settings::from_config(&config).unwrap();
     let runtime = Runtime::new().unwrap();
     let before_kb = resident_kb();
     let outcome = runtime.block_on(async {
         let daemon = daemon::start(settings, Arc::new(|_| {})).await.unwrap();
-        let options = ZenohOptions {
-            mode: Mode::Client,
-            listen: Vec::new(),
-            connect: vec![daemon.endpoints()[0].clone()],
-            ..ZenohOptions::default()
-        };
-        let session = zenoh::open(&options).await.unwrap();
         let http = daemon.http_address().unwrap();
-        let looking = thread::spawn(move || look(http, seconds));
+        let sending = sender::start(&daemon.endpoints()[0], load);
+        let done = Arc::new(AtomicBool::new(false));
+        let looking = thread::spawn({
+            let done = Arc::clone(&done);
+            move || look(http, &done)
+        });
         let cpu = process_cpu_seconds();
-        let (sent, late_puts, wall_s) =
-            send(&session, streams, per_message, rate_fps, seconds).await;
-        let cores = (process_cpu_seconds() - cpu) / wall_s;
-        tokio::time::sleep(Duration::from_secs(2)).await;
+        let sent = tokio::task::spawn_blocking(move || sender::end(sending))
+            .await
+            .unwrap();
+        let cores = (process_cpu_seconds() - cpu) / sent.wall_s;
+        done.store(true, Ordering::Relaxed);
         let lags_ms = looking.join().unwrap();
-        let metrics = metrics(http);
+        let metrics = metrics_when_quiet(http, sent.samples);
         let resident = resident_kb();
-        drop(session);
         daemon.stop();
         daemon.join().await.unwrap();
-        let samples = |outcome: &str| {
-            let label = format!("outcome=\"{outcome}\"");
-            sum(&metrics, "loadmodeld_samples_total", &label)
-        };
         Outcome {
-            sent,
-            accepted: samples("accepted"),
-            missing: samples("missing"),
+            ends: ENDS.map(|outcome| samples(&metrics, outcome)),
+            missing: samples(&metrics, "missing") + samples(&metrics, "skipped"),
             dropped: sum(&metrics, "loadmodeld_messages_dropped_total", "measurement"),
-            late_puts,
+            samples_per_message: load.payload.samples() as u64,
+            through: through(&metrics),
+            sent,
             lags_ms,
             cores,
             resident_mb: resident / 1024.0,
-            grown_kb_per_stream: (resident - before_kb) / streams as f64,
+            grown_kb_per_stream: (resident - before_kb) / load.streams as f64,
         }
     });
     runtime.shutdown_timeout(Duration::from_secs(1));
     outcome
 }
 
-/// Sends in turn, each stream at its own phase, so that messages are spread evenly. Returns frames sent,
-/// the share of messages put later than a period after their time, and the seconds it took.
-async fn send(
-    session: &zenoh::Session,
-    streams: usize,
-    per_message: usize,
-    rate_fps: f64,
-    seconds: f64,
-) -> (u64, f64, f64) {
-    let keys = Keys::new(&ZenohOptions::default().prefix);
-    let message_ns = 1e9 * per_message as f64 / rate_fps;
-    let start_ns = clock::now_ns() + 500_000_000;
-    #[allow(
-        clippy::cast_possible_truncation,
-        reason = "a phase within one message"
-    )]
-    let phase_ns = |k: usize| (message_ns * k as f64 / streams as f64) as i64;
-    let mut sources: Vec<(String, Source)> = (0..streams)
-        .map(|k| {
-            let name = name(k);
-            let key = keys.measurement(&name, STREAM);
-            (
-                key,
-                Source::new(site(&name), rate_fps, start_ns + phase_ns(k)),
-            )
-        })
-        .collect();
-    for (key, source) in &sources {
-        let put = zenoh::put(session, key, source.configuration(), Encoding::default());
-        put.await.unwrap();
-    }
-    let begun = wall_seconds();
-    let (mut sent, mut messages, mut late) = (0, 0_u64, 0_u64);
-    let payload = Payload::frames(per_message);
-    while wall_seconds() - begun < seconds {
-        for (key, source) in &mut sources {
-            let message = source.message(payload);
-            // A message is put when its last sample is measured, which is just before the next one.
-            let period_ns = message_ns / per_message as f64;
-            #[allow(clippy::cast_possible_truncation, reason = "some milliseconds")]
-            let due_ns = source.next_ns() - period_ns as i64;
-            let now_ns = clock::now_ns();
-            if now_ns < due_ns {
-                thread::sleep(clock::duration(due_ns - now_ns));
-            }
-            late += u64::from((now_ns - due_ns) as f64 > period_ns);
-            zenoh::put(session, key, message, Encoding::default())
-                .await
-                .unwrap();
-            sent += per_message as u64;
-            messages += 1;
-        }
-    }
-    (sent, late as f64 / messages as f64, wall_seconds() - begun)
+fn samples(metrics: &str, outcome: &str) -> u64 {
+    let label = format!("outcome=\"{outcome}\"");
+    sum(metrics, "loadmodeld_samples_total", &label)
 }
 
-/// The lag of every site's newest message, once a second.
-fn look(http: SocketAddr, seconds: f64) -> Vec<f64> {
+/// The metrics once every sample has come to one end or another, or nothing comes any more.
+fn metrics_when_quiet(http: SocketAddr, sent: u64) -> String {
     let begun = wall_seconds();
+    loop {
+        let text = metrics(http);
+        let ended: u64 = ENDS.iter().map(|outcome| samples(&text, outcome)).sum();
+        if ended >= sent || wall_seconds() - begun > REST_S {
+            return text;
+        }
+        thread::sleep(Duration::from_millis(100));
+    }
+}
+
+/// The lag of every site's newest message, now and then.
+fn look(http: SocketAddr, done: &AtomicBool) -> Vec<f64> {
     let mut lags_ms = Vec::new();
-    while wall_seconds() - begun < seconds {
-        thread::sleep(Duration::from_secs_f64(LOOK_S));
-        if wall_seconds() - begun < WARM_UP_S {
+    let mut next = wall_seconds() + LOOK_S;
+    while !done.load(Ordering::Relaxed) {
+        thread::sleep(Duration::from_millis(50));
+        if wall_seconds() < next {
             continue;
         }
+        next += LOOK_S;
         for line in metrics(http).lines() {
             if line.starts_with("loadmodeld_sample_lag_seconds{") {
                 lags_ms.push(1e3 * value(line));
@@ -168,6 +132,38 @@ fn look(http: SocketAddr, seconds: f64) -> Vec<f64> {
     }
     lags_ms.sort_by(f64::total_cmp);
     lags_ms
+}
+
+/// The histogram of the time from arrival to behind the detector.
+fn through(metrics: &str) -> Vec<(f64, u64)> {
+    let bucket = |line: &str| {
+        let (bound, count) = line
+            .strip_prefix("loadmodeld_intake_seconds_bucket{le=\"")?
+            .split_once("\"} ")?;
+        let bound_s: f64 = bound.replace("+Inf", "inf").parse().ok()?;
+        Some((1e3 * bound_s, count.parse().ok()?))
+    };
+    metrics.lines().filter_map(bucket).collect()
+}
+
+impl Outcome {
+    /// Samples that came to no end that is counted.
+    fn unexplained(&self) -> i64 {
+        let count = |n: u64| i64::try_from(n).expect("a count");
+        let ended: i64 = self.ends.iter().map(|n| count(*n)).sum();
+        count(self.sent.samples) - ended - count(self.dropped * self.samples_per_message)
+    }
+
+    /// Upper bound of the bucket that holds a share of the messages, milliseconds.
+    fn through_ms(&self, share: f64) -> f64 {
+        let all = self.through.last().map_or(0, |(_, count)| *count);
+        let wanted = share * all as f64;
+        let holds = self
+            .through
+            .iter()
+            .find(|(_, count)| *count as f64 >= wanted);
+        holds.map_or(f64::NAN, |(bound_ms, _)| *bound_ms)
+    }
 }
 
 impl fmt::Display for Outcome {
@@ -181,20 +177,46 @@ impl fmt::Display for Outcome {
             let at = (share * self.lags_ms.len() as f64) as usize;
             self.lags_ms.get(at).copied().unwrap_or(f64::NAN)
         };
-        write!(
+        let [accepted, late, duplicate, refused] = self.ends;
+        let longest = self.through_ms(1.0);
+        writeln!(
             f,
-            "{} frames sent ({:.2} % of the messages late), {} accepted, {} messages dropped, {} instants \
-             missing; lag p50 {:.1} ms, p99 {:.1} ms of {} looks; {:.2} cores with the sender; {:.0} MB \
-             resident, {:.1} kB grown per stream",
-            self.sent,
-            100.0 * self.late_puts,
-            self.accepted,
+            "  sent {} samples in {:.1} s ({:.2} % of the messages late, {:.2} cores)",
+            self.sent.samples,
+            self.sent.wall_s,
+            100.0 * self.sent.late,
+            self.sent.cores
+        )?;
+        writeln!(
+            f,
+            "  accepted {accepted}, late {late}, duplicate {duplicate}, refused {refused}, unexplained {}; \
+             {} messages dropped, {} instants missing",
+            self.unexplained(),
             self.dropped,
-            self.missing,
+            self.missing
+        )?;
+        writeln!(
+            f,
+            "  arrival to behind the detector: 50 % <= {} ms, 99 % <= {} ms, 99.9 % <= {} ms, all <= {longest} ms; \
+             buckets {:?}",
+            self.through_ms(0.5),
+            self.through_ms(0.99),
+            self.through_ms(0.999),
+            self.through
+        )?;
+        writeln!(
+            f,
+            "  put to detector, {} looks: p50 {:.1} ms, p99 {:.1} ms, worst {:.1} ms",
+            self.lags_ms.len(),
             quantile(0.5),
             quantile(0.99),
-            self.lags_ms.len(),
+            self.lags_ms.last().copied().unwrap_or(f64::NAN)
+        )?;
+        write!(
+            f,
+            "  daemon: {:.2} cores, {:.2} us of CPU per sample, {:.0} MB resident, {:.1} kB grown per stream",
             self.cores,
+            1e6 * self.cores * self.sent.wall_s / self.sent.samples as f64,
             self.resident_mb,
             self.grown_kb_per_stream
         )
@@ -203,7 +225,7 @@ impl fmt::Display for Outcome {
 
 fn config(streams: usize, store: &str) -> String {
     let mut text = format!(
-        "[zenoh]\nlisten = [\"tcp/127.0.0.1:0\"]\nintake_messages_max = {QUEUE}\n\
+        "[zenoh]\nlisten = [\"tcp/127.0.0.1:0\"]\n\
          [store]\npath = \"{store}\"\n[http]\nlisten = \"127.0.0.1:0\"\n"
     );
     for k in 0..streams {
@@ -216,10 +238,6 @@ fn config(streams: usize, store: &str) -> String {
         .unwrap();
     }
     text
-}
-
-fn name(stream: usize) -> String {
-    format!("site-{stream:04}")
 }
 
 fn metrics(http: SocketAddr) -> String {

@@ -44,13 +44,6 @@ impl Payload {
         forms.into_iter().flat_map(of_form).collect()
     }
 
-    pub const fn frames(samples: usize) -> Self {
-        Self {
-            form: Form::C37118,
-            samples,
-        }
-    }
-
     pub fn name(&self) -> String {
         let form = match self.form {
             Form::C37118 => "C37.118 frames",
@@ -63,6 +56,118 @@ impl Payload {
     pub const fn samples(&self) -> usize {
         self.samples
     }
+
+    /// The form and the count as one argument.
+    pub fn code(&self) -> String {
+        let form = match self.form {
+            Form::C37118 => "c37118",
+            Form::Cbor => "cbor",
+            Form::Json => "json",
+        };
+        format!("{form}:{}", self.samples)
+    }
+
+    pub fn of_code(code: &str) -> Self {
+        let (form, samples) = code.split_once(':').expect("FORM:SAMPLES");
+        let form = match form {
+            "c37118" => Form::C37118,
+            "cbor" => Form::Cbor,
+            "json" => Form::Json,
+            _ => panic!("no form {form}: c37118, cbor or json"),
+        };
+        Self {
+            form,
+            samples: samples.parse().expect("a number of samples"),
+        }
+    }
+}
+
+/// A message that was made once and is given another time for each use.
+pub struct Template {
+    bytes: Vec<u8>,
+    form: Form,
+    rate_fps: f64,
+    /// Where frames begin, or where the start of a batch is written.
+    places: Vec<usize>,
+}
+
+impl Template {
+    pub fn new(site: &Site, rate_fps: f64, payload: Payload) -> Self {
+        // Any time whose bytes occur once in a batch.
+        const MARK_NS: i64 = 0x1234_5678_9abc_def0;
+        let mut source = Source::new(site.clone(), rate_fps, MARK_NS);
+        let bytes = source.message(payload);
+        let places = match payload.form {
+            Form::C37118 => (0..payload.samples)
+                .map(|k| k * bytes.len() / payload.samples)
+                .collect(),
+            Form::Cbor => {
+                let mark = MARK_NS.to_be_bytes();
+                let at = |n: &usize| bytes[*n..].starts_with(&mark);
+                (0..bytes.len()).filter(at).collect()
+            }
+            Form::Json => panic!("JSON is not sent by template: its numbers have no fixed length"),
+        };
+        let mut template = Self {
+            bytes,
+            form: payload.form,
+            rate_fps,
+            places,
+        };
+        let later_ns = 1_700_000_000_123_456_000;
+        let whole = Source::new(site.clone(), rate_fps, later_ns).message(payload);
+        assert!(
+            template.at(later_ns) == whole,
+            "a template is what it stands for"
+        );
+        template
+    }
+
+    /// The message with its first sample at `first_ns`.
+    pub fn at(&mut self, first_ns: i64) -> &[u8] {
+        if self.form == Form::Cbor {
+            let at = self.places[0];
+            self.bytes[at..at + 8].copy_from_slice(&first_ns.to_be_bytes());
+            return &self.bytes;
+        }
+        let size = self.bytes.len() / self.places.len();
+        for (k, &at) in self.places.iter().enumerate() {
+            let microseconds = (first_ns + grid_offset_ns(k as f64, self.rate_fps) + 500) / 1000;
+            let (second, fraction) = (microseconds / 1_000_000, microseconds % 1_000_000);
+            let word = |value: i64| u32::try_from(value).expect("before 2106").to_be_bytes();
+            let frame = &mut self.bytes[at..at + size];
+            frame[6..10].copy_from_slice(&word(second));
+            frame[11..14].copy_from_slice(&word(fraction)[1..]);
+            let check = check_word(&frame[..size - 2]);
+            frame[size - 2..].copy_from_slice(&check);
+        }
+        &self.bytes
+    }
+}
+
+/// CRC-CCITT, four bits at a time.
+fn check_word(bytes: &[u8]) -> [u8; 2] {
+    const TABLE: [u16; 16] = {
+        let mut table = [0_u16; 16];
+        let mut n = 1;
+        while n < 16 {
+            table[n] = if n & 1 == 1 {
+                table[n - 1] ^ 0x1021
+            } else {
+                double(table[n / 2])
+            };
+            n += 1;
+        }
+        table
+    };
+    const fn double(crc: u16) -> u16 {
+        (crc << 1) ^ (if crc & 0x8000 == 0 { 0 } else { 0x1021 })
+    }
+    let step = |crc: u16, four: u8| (crc << 4) ^ TABLE[usize::from((crc >> 12) as u8 ^ four)];
+    let crc = bytes
+        .iter()
+        .fold(0xffff, |crc, byte| step(step(crc, byte >> 4), byte & 15));
+    crc.to_be_bytes()
 }
 
 pub fn site(name: &str) -> Site {

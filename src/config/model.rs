@@ -124,7 +124,7 @@ impl Default for ZenohConfig {
             listen: vec!["tcp/127.0.0.1:7447".to_owned()],
             connect: Vec::new(),
             multicast: false,
-            intake_messages_max: 4096,
+            intake_messages_max: 32_768,
             close_timeout: Duration::from_secs(2),
             raw: Vec::new(),
         }

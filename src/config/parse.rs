@@ -81,7 +81,7 @@ fn zenoh(mut section: Section<'_>, to: &mut ZenohConfig) -> Findings {
     section.count(
         "intake_messages_max",
         &mut to.intake_messages_max,
-        (16, 1_000_000),
+        (128, 1_000_000),
     );
     section.seconds("close_timeout_s", &mut to.close_timeout, (0.1, 60.0));
     if let Some(raw) = section.any_table("raw") {

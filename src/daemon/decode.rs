@@ -14,6 +14,7 @@ use std::{
 use tokio::sync::mpsc::Sender;
 
 use super::{
+    clock,
     frames::{FrameStreams, FramesRefusal, Wanted},
     settings::Settings,
 };
@@ -25,7 +26,7 @@ use crate::{
             Encoding,
             v1::{RecordingFiles, decode_batch, decode_recording},
         },
-        zenoh::{Address, Message, Question},
+        zenoh::{Address, Keys, Message, Question},
     },
     measurement::{Record, Site},
     service::{DecodedRecording, Event},
@@ -35,9 +36,22 @@ use crate::{
 /// Longest time until what became of frames is reported while nothing arrives.
 const REPORT_AFTER: Duration = Duration::from_millis(200);
 
+/// Messages that are handed to the loop together at most. To wake it for each one costs more than the message:
+/// chosen so that the loop is done with a group in less than its longest step.
+const GROUP_MAX: usize = 32;
+/// Time after which a group is handed on, however small.
+const GROUP_NS: i64 = 1_000_000;
+
 /// What the decoders hand to the loop, in the order of arrival.
 #[derive(Debug)]
 pub(super) enum Decoded {
+    /// What a measurement message holds.
+    Measured {
+        /// To be applied in this order.
+        events: Vec<Event>,
+        /// When it came, UTC nanoseconds.
+        arrived_ns: i64,
+    },
     /// Something to apply.
     Event(Event),
     /// A question to be answered when everything before it has been applied.
@@ -52,6 +66,7 @@ pub(super) struct Decoder {
     settings: Arc<Settings>,
     sites: Arc<BTreeMap<String, Site>>,
     frames: FrameStreams,
+    keys: Keys,
 }
 
 struct Refusal {
@@ -65,6 +80,7 @@ impl Decoder {
         Self {
             sites: Arc::new(sites.map(|s| (s.name.clone(), s.clone())).collect()),
             frames: FrameStreams::new(settings, wanted),
+            keys: Keys::new(&settings.zenoh.prefix),
             settings: Arc::clone(settings),
         }
     }
@@ -74,62 +90,82 @@ impl Decoder {
         mut self,
         name: &str,
         messages: Receiver<Message>,
-        events: Sender<Decoded>,
+        events: Sender<Vec<Decoded>>,
     ) -> std::io::Result<JoinHandle<()>> {
         thread::Builder::new().name(name.to_owned()).spawn(move || {
-            loop {
-                let (mut decoded, quiet) = match messages.recv_timeout(REPORT_AFTER) {
-                    Ok(message) => (self.decode(message), false),
-                    Err(RecvTimeoutError::Timeout) => (Vec::new(), true),
-                    Err(RecvTimeoutError::Disconnected) => return,
-                };
-                let ends = matches!(decoded[..], [Decoded::End]);
-                let reports = self.frames.report(quiet || ends).into_iter();
-                decoded.splice(..0, reports.map(Decoded::Event));
-                for decoded in decoded {
-                    if events.blocking_send(decoded).is_err() {
-                        return;
-                    }
-                }
-                if ends {
+            while let Some(group) = self.next_group(&messages) {
+                let ends = matches!(group.last(), Some(Decoded::End));
+                if !group.is_empty() && events.blocking_send(group).is_err() || ends {
                     return;
                 }
             }
         })
     }
 
-    fn decode(&mut self, message: Message) -> Vec<Decoded> {
-        let events = match message {
-            Message::Barrier(question) => return vec![Decoded::Barrier(question)],
-            Message::End => return vec![Decoded::End],
-            Message::Stray { key } => vec![Event::PayloadRefused {
+    /// What has arrived, up to a bound, after a wait for the first of it; none when nobody sends any more.
+    fn next_group(&mut self, messages: &Receiver<Message>) -> Option<Vec<Decoded>> {
+        let first = match messages.recv_timeout(REPORT_AFTER) {
+            Ok(message) => Some(message),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => return None,
+        };
+        let (quiet, begun_ns) = (first.is_none(), clock::now_ns());
+        let mut group = Vec::new();
+        let mut next = first;
+        while let Some(message) = next.take() {
+            self.decode(message, &mut group);
+            let ends = matches!(group.last(), Some(Decoded::End));
+            if !ends && group.len() < GROUP_MAX && clock::now_ns() - begun_ns < GROUP_NS {
+                next = messages.try_recv().ok();
+            }
+        }
+        let ends = matches!(group.last(), Some(Decoded::End));
+        let reports = self.frames.report(quiet || ends).into_iter();
+        group.splice(..0, reports.map(Decoded::Event));
+        Some(group)
+    }
+
+    fn decode(&mut self, message: Message, group: &mut Vec<Decoded>) {
+        match message {
+            Message::Barrier(question) => group.push(Decoded::Barrier(question)),
+            Message::End => group.push(Decoded::End),
+            Message::Stray { key } => group.push(Decoded::Event(Event::PayloadRefused {
                 source: Source::Measurement,
                 error: "the key is not of the form <prefix>/<kind>/<site>/<source>".to_owned(),
                 reason: "stray_key",
                 key,
-            }],
+            })),
             Message::Payload {
-                key,
                 address: Address::Measurement { site, stream },
                 encoding,
                 payload,
-            } => self
-                .measurement(&site, stream, &encoding, &payload)
-                .unwrap_or_else(|refusal| vec![refusal.event(Source::Measurement, key)]),
+                arrived_ns,
+                held: _held,
+            } => {
+                let events = self
+                    .measurement(&site, &stream, &encoding, &payload)
+                    .unwrap_or_else(|refusal| {
+                        let key = self.keys.measurement(&site, &stream);
+                        vec![refusal.event(Source::Measurement, key)]
+                    });
+                group.push(Decoded::Measured { events, arrived_ns });
+            }
             Message::Payload {
-                key,
                 address: Address::Recording { site, recorder },
                 payload,
                 ..
             } => match self.recording(&site, &recorder, &payload) {
-                Ok(records) => records
-                    .into_iter()
-                    .map(|record| recorded(&site, &recorder, record))
-                    .collect(),
-                Err(refusal) => vec![refusal.event(Source::Recording, key)],
+                Ok(records) => group.extend(
+                    records
+                        .into_iter()
+                        .map(|record| Decoded::Event(recorded(&site, &recorder, record))),
+                ),
+                Err(refusal) => {
+                    let key = self.keys.recording(&site, &recorder);
+                    group.push(Decoded::Event(refusal.event(Source::Recording, key)));
+                }
             },
-        };
-        events.into_iter().map(Decoded::Event).collect()
+        }
     }
 
     /// A batch, or frames: those have no encoding of their own, so that one that is declared rules
@@ -137,7 +173,7 @@ impl Decoder {
     fn measurement(
         &mut self,
         site: &str,
-        stream: String,
+        stream: &str,
         encoding: &str,
         payload: &[u8],
     ) -> Result<Vec<Event>, Refusal> {
@@ -147,9 +183,9 @@ impl Decoder {
             return Ok(vec![self.batch(site, stream, encoding, payload)?]);
         }
         let site = site_called(&self.sites, site)?;
-        let taken = self.frames.take(site, &stream, payload);
+        let taken = self.frames.take(site, stream, payload);
         taken.map_err(|refusal: FramesRefusal| {
-            let (reason, error) = refusal.words(&site.name, &stream);
+            let (reason, error) = refusal.words(&site.name, stream);
             Refusal { reason, error }
         })
     }
@@ -157,7 +193,7 @@ impl Decoder {
     fn batch(
         &self,
         site: &str,
-        stream: String,
+        stream: &str,
         encoding: &str,
         payload: &[u8],
     ) -> Result<Event, Refusal> {
@@ -169,7 +205,7 @@ impl Decoder {
                 error: e.to_string(),
             })?;
         // The key is what routers' access control has seen.
-        batch.stream = stream;
+        stream.clone_into(&mut batch.stream);
         Ok(Event::BatchDecoded(batch))
     }
 

@@ -38,14 +38,14 @@ use crate::{
     service::{Command, DocumentKind, Event, State},
     telemetry::{
         Metrics, Occurrence,
-        intake::{MessagesDropped, Source},
+        intake::{MessageThrough, MessagesDropped, Source},
         process::LoopMeasured,
     },
 };
 
-/// Decoded messages that wait for the loop; the decoders wait when it is full, and the intake
-/// queues before them drop and count.
-const DECODED_MAX: usize = 256;
+/// Groups of decoded messages that wait for the loop; the decoders wait when there are as many, and the
+/// intake queues before them drop and count.
+const GROUPS_MAX: usize = 16;
 /// Period of the loop's tick.
 const TICK: Duration = Duration::from_millis(200);
 
@@ -65,7 +65,7 @@ pub(super) struct Parts {
 
 /// Where the loop hears from.
 pub(super) struct Inbox {
-    decoded: Receiver<Decoded>,
+    decoded: Receiver<Vec<Decoded>>,
     events: UnboundedReceiver<Event>,
 }
 
@@ -76,7 +76,7 @@ impl Parts {
         exits: Exits,
         (events_sender, events): (UnboundedSender<Event>, UnboundedReceiver<Event>),
     ) -> Result<(Loop, Inbox), DaemonError> {
-        let (decoded_sender, decoded) = mpsc::channel(DECODED_MAX);
+        let (decoded_sender, decoded) = mpsc::channel(GROUPS_MAX);
         let (steps, steps_receiver) = std::sync::mpsc::channel();
         let (publisher, publisher_receiver) = mpsc::unbounded_channel();
         let (tasks, tasks_receiver) = sync_channel(answers::TASKS_MAX);
@@ -210,7 +210,7 @@ impl Loop {
                 }
                 _ = tick.tick() => self.tick()?,
                 Some(event) = inbox.events.recv() => self.apply(event)?,
-                Some(decoded) = inbox.decoded.recv() => self.take(decoded)?,
+                Some(group) = inbox.decoded.recv() => self.take_group(group)?,
             };
             if next == Next::End {
                 return Ok(());
@@ -249,9 +249,28 @@ impl Loop {
         Ok(next)
     }
 
+    fn take_group(&mut self, group: Vec<Decoded>) -> Result<Next, DaemonError> {
+        for decoded in group {
+            if self.take(decoded)? == Next::End {
+                return Ok(Next::End);
+            }
+        }
+        Ok(Next::Continue)
+    }
+
     fn take(&mut self, decoded: Decoded) -> Result<Next, DaemonError> {
         match decoded {
             Decoded::Event(event) => self.apply(event),
+            Decoded::Measured { events, arrived_ns } => {
+                for event in events {
+                    if self.apply(event)? == Next::End {
+                        return Ok(Next::End);
+                    }
+                }
+                let took_ns = clock::now_ns().saturating_sub(arrived_ns);
+                self.report(&MessageThrough { took_ns });
+                Ok(Next::Continue)
+            }
             Decoded::Barrier(question) => {
                 self.give_task(Task::Status(question));
                 Ok(Next::Continue)

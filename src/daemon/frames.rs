@@ -49,7 +49,9 @@ pub(super) enum FramesRefusal {
 pub(super) struct FrameStreams {
     settings: Arc<Settings>,
     wanted: mpsc::Sender<Wanted>,
-    streams: BTreeMap<(String, String), FrameStream>,
+    /// By site and stream.
+    streams: BTreeMap<String, BTreeMap<String, FrameStream>>,
+    count: usize,
     reported_ns: i64,
 }
 
@@ -71,6 +73,7 @@ impl FrameStreams {
             settings: Arc::clone(settings),
             wanted,
             streams: BTreeMap::new(),
+            count: 0,
             reported_ns: 0,
         }
     }
@@ -82,28 +85,36 @@ impl FrameStreams {
         stream: &str,
         payload: &[u8],
     ) -> Result<Vec<Event>, FramesRefusal> {
-        let key = (site.name.clone(), stream.to_owned());
-        if !self.streams.contains_key(&key) {
-            let known = self.settings.stream(&site.name, stream);
-            let (configured, mapping) = known.ok_or(FramesRefusal::NotConfigured)?;
-            if self.streams.len() >= STREAMS_MAX {
-                return Err(FramesRefusal::TooManyStreams);
-            }
-            let intake = FrameIntake::new(site, stream, mapping);
-            let new = FrameStream::new(intake, configured.to_owned());
-            self.streams.insert(key.clone(), new);
+        let of_site = self.streams.get(&site.name);
+        if of_site.is_none_or(|streams| !streams.contains_key(stream)) {
+            self.add(site, stream)?;
         }
-        let Some(known) = self.streams.get_mut(&key) else {
+        let of_site = self.streams.get_mut(&site.name);
+        let Some(known) = of_site.and_then(|streams| streams.get_mut(stream)) else {
             return Ok(Vec::new());
         };
         let taken = known.intake.take(payload);
         known.note(&taken);
         if taken.wants_configuration && known.may_ask() {
-            let (site, stream) = key;
+            let (site, stream) = (site.name.clone(), stream.to_owned());
             // A full queue of questions: the next frame asks again.
             self.wanted.try_send(Wanted { site, stream }).ok();
         }
         Ok(taken.batches.into_iter().map(Event::BatchDecoded).collect())
+    }
+
+    fn add(&mut self, site: &Site, stream: &str) -> Result<(), FramesRefusal> {
+        let known = self.settings.stream(&site.name, stream);
+        let (configured, mapping) = known.ok_or(FramesRefusal::NotConfigured)?;
+        if self.count >= STREAMS_MAX {
+            return Err(FramesRefusal::TooManyStreams);
+        }
+        self.count += 1;
+        let intake = FrameIntake::new(site, stream, mapping);
+        let new = FrameStream::new(intake, configured.to_owned());
+        let of_site = self.streams.entry(site.name.clone()).or_default();
+        of_site.insert(stream.to_owned(), new);
+        Ok(())
     }
 
     /// What became of the frames since the last report; nothing when that was a moment ago, unless
@@ -114,8 +125,11 @@ impl FrameStreams {
             return Vec::new();
         }
         self.reported_ns = now_ns;
-        let streams = self.streams.iter_mut();
-        let reports = streams.filter_map(|((site, stream), known)| known.report(site, stream));
+        let streams = self.streams.iter_mut().flat_map(|(site, streams)| {
+            let streams = streams.iter_mut();
+            streams.map(move |(stream, known)| (site, stream, known))
+        });
+        let reports = streams.filter_map(|(site, stream, known)| known.report(site, stream));
         reports.map(Event::FramesDecoded).collect()
     }
 }

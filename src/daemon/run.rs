@@ -182,7 +182,7 @@ pub async fn start(settings: Settings, observer: Observer) -> Result<Daemon, Dae
     let (store, progress) = open_store(&settings).await?;
     health.set_store(true);
     let instance = &settings.service.instance;
-    let (entrance, exits) = queues(settings.zenoh.intake_messages_max);
+    let (entrance, exits) = queues(settings.zenoh.intake_messages_max, clock::now_ns);
     let link = Link::open(&settings.zenoh, instance, &entrance).await?;
     health.set_zenoh(true);
     let stop = CancellationToken::new();

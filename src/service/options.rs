@@ -35,8 +35,8 @@ pub struct ServiceOptions {
     pub interruptions_max: u32,
     /// Pause before a failed job is tried again. Default 60 s.
     pub retry_ns: i64,
-    /// Windows that wait in memory for the store; the oldest is dropped (and counted) beyond it.
-    /// Default 256, 1 to 10000.
+    /// Windows that wait in memory for the store, one per site at least; the oldest is dropped (and counted)
+    /// beyond it. Default 256, 1 to 10000.
     pub spool_windows_max: usize,
     /// Silence after which a site's stream is taken to its end: samples that wait for others are
     /// released and an open window is closed. Default 5 s.

@@ -52,6 +52,8 @@ pub struct State {
     sweep: Sweep,
     measure_at_ns: i64,
     prune_at_ns: i64,
+    /// Measurements and rounds of retention that the store has not answered.
+    housekeeping: usize,
     /// When the sites' progress is written next; none while the store is at it.
     progress_at_ns: Option<i64>,
     phase: Phase,
@@ -81,8 +83,8 @@ impl State {
     #[must_use]
     pub fn new(options: ServiceOptions, sites: Vec<SiteOptions>) -> Self {
         Self {
+            windows: Windows::new(&options, sites.len()),
             streams: Streams::new(sites, options.silence_ns),
-            windows: Windows::new(&options),
             fits: Fits::new(),
             publishing: Publishing::default(),
             documents_loading: 0,
@@ -96,6 +98,7 @@ impl State {
             },
             measure_at_ns: i64::MIN,
             prune_at_ns: i64::MIN,
+            housekeeping: 0,
             progress_at_ns: Some(i64::MIN),
             phase: Phase::Running,
             options,
@@ -184,11 +187,15 @@ impl State {
                 report_failure(failure, true, out);
                 self.sweep_soon(now_ns, part);
             }
-            Event::HousekeepingDone(result) => match result {
-                Ok(occurrence) => out.push(Command::Report(occurrence)),
-                Err(failure) => report_failure(failure, true, out),
-            },
+            Event::HousekeepingDone(result) => {
+                self.housekeeping = self.housekeeping.saturating_sub(1);
+                match result {
+                    Ok(occurrence) => out.push(Command::Report(occurrence)),
+                    Err(failure) => report_failure(failure, true, out),
+                }
+            }
             Event::ProgressKept(result) => {
+                self.streams.progress_answered(result.is_ok());
                 let pause_ns = match result {
                     Ok(()) => PROGRESS_NS,
                     Err(failure) => {
@@ -488,12 +495,22 @@ impl State {
         if self.progress_at_ns.is_some_and(|at_ns| now_ns >= at_ns) {
             self.keep_progress(out);
         }
+        self.keep_house(now_ns, out);
+    }
+
+    /// Not while the store is slow: what it has not done yet would only gather.
+    fn keep_house(&mut self, now_ns: i64, out: &mut Outbox) {
+        if self.housekeeping > 0 {
+            return;
+        }
         if now_ns >= self.measure_at_ns {
             self.measure_at_ns = now_ns.saturating_add(MEASURE_NS);
+            self.housekeeping += 1;
             out.push(Command::MeasureStore);
         }
         if now_ns >= self.prune_at_ns {
             self.prune_at_ns = now_ns.saturating_add(PRUNE_NS);
+            self.housekeeping += 1;
             out.push(Command::Prune);
         }
     }

@@ -31,6 +31,8 @@ struct Stream {
     earlier: Option<Progress>,
     /// Newest instant of which the store knows.
     kept_ns: Option<i64>,
+    /// The one that it has been asked to keep.
+    asked_ns: Option<i64>,
 }
 
 impl Streams {
@@ -97,12 +99,22 @@ impl Streams {
         }
     }
 
-    /// How far the sites have come that have come further since the last call.
+    /// How far the sites have come that have come further than the store knows.
     pub(super) fn progress(&mut self) -> Vec<(String, Progress)> {
         let streams = self.sites.iter_mut();
         streams
             .filter_map(|(site, stream)| Some((site.clone(), stream.progress()?)))
             .collect()
+    }
+
+    /// The store has kept, or has not, what [`Self::progress`] gave the last time.
+    pub(super) fn progress_answered(&mut self, kept: bool) {
+        for stream in self.sites.values_mut() {
+            let asked_ns = stream.asked_ns.take();
+            if kept && asked_ns.is_some() {
+                stream.kept_ns = asked_ns;
+            }
+        }
     }
 
     /// Ends the streams that have been silent for too long.
@@ -156,6 +168,7 @@ impl Stream {
             heard: String::new(),
             earlier: None,
             kept_ns: None,
+            asked_ns: None,
         }
     }
 
@@ -250,7 +263,7 @@ impl Stream {
         if self.kept_ns == Some(progress.newest_ns) {
             return None;
         }
-        self.kept_ns = Some(progress.newest_ns);
+        self.asked_ns = Some(progress.newest_ns);
         Some(progress)
     }
 

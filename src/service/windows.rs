@@ -17,6 +17,10 @@ use crate::{
     },
 };
 
+/// Windows that the store is given at one time. It carries out one operation after the other anyway, and what it
+/// has been given can no longer be dropped: a store that is slow must not gather windows beyond the spool's bound.
+const IN_FLIGHT_MAX: usize = 1;
+
 /// Windows that are not through yet.
 #[derive(Debug)]
 pub(super) struct Windows {
@@ -37,12 +41,13 @@ struct Spooled {
 }
 
 impl Windows {
-    pub(super) fn new(options: &ServiceOptions) -> Self {
+    /// A disturbance of the whole grid gives a window per site at one time: there is room for it.
+    pub(super) fn new(options: &ServiceOptions, sites: usize) -> Self {
         Self {
             spool: VecDeque::new(),
             retry_at_ns: None,
             in_progress: BTreeMap::new(),
-            count_max: options.spool_windows_max.max(1),
+            count_max: options.spool_windows_max.max(sites).max(1),
             retry_ns: options.store_retry_ns,
         }
     }
@@ -56,20 +61,22 @@ impl Windows {
         if self.knows(&window.id) {
             return;
         }
+        let waiting = self.spool.iter().position(|s| !s.in_flight).unwrap_or(0);
         if self.spool.len() >= self.count_max
-            && let Some(oldest) = self.spool.pop_front()
+            && let Some(oldest) = self.spool.remove(waiting)
         {
             out.report(WindowDropped {
                 window: oldest.window.id.clone(),
                 reason: format!("{} windows wait for the store already", self.count_max),
             });
         }
-        let window = Arc::new(window);
-        let in_flight = self.retry_at_ns.is_none();
-        if in_flight {
-            out.push(Command::StoreWindow(Arc::clone(&window)));
+        self.spool.push_back(Spooled {
+            window: Arc::new(window),
+            in_flight: false,
+        });
+        if self.retry_at_ns.is_none() {
+            self.send_waiting(out);
         }
-        self.spool.push_back(Spooled { window, in_flight });
         self.report_spool(out);
     }
 
@@ -87,9 +94,8 @@ impl Windows {
             site: window.site.clone(),
             known,
         });
-        if self.retry_at_ns.take().is_some() {
-            self.send_waiting(usize::MAX, out);
-        }
+        self.retry_at_ns = None;
+        self.send_waiting(out);
         self.report_spool(out);
         (!known).then_some(window)
     }
@@ -111,7 +117,7 @@ impl Windows {
     pub(super) fn retry(&mut self, now_ns: i64, out: &mut Outbox) {
         if self.retry_at_ns.is_some_and(|at| now_ns >= at) {
             self.retry_at_ns = Some(now_ns.saturating_add(self.retry_ns));
-            self.send_waiting(1, out);
+            self.send_waiting(out);
         }
     }
 
@@ -186,12 +192,13 @@ impl Windows {
         self.spool.is_empty() && self.in_progress.is_empty()
     }
 
-    fn send_waiting(&mut self, count_max: usize, out: &mut Outbox) {
+    fn send_waiting(&mut self, out: &mut Outbox) {
+        let in_flight = self.spool.iter().filter(|s| s.in_flight).count();
         for spooled in self
             .spool
             .iter_mut()
             .filter(|s| !s.in_flight)
-            .take(count_max)
+            .take(IN_FLIGHT_MAX.saturating_sub(in_flight))
         {
             spooled.in_flight = true;
             out.push(Command::StoreWindow(Arc::clone(&spooled.window)));

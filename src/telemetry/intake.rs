@@ -97,18 +97,14 @@ pub struct TimeStep {
 impl Occurrence for BatchTaken {
     fn emit(&self, metrics: &Metrics) {
         let site = self.site.as_str();
-        metrics.add(&catalogue::BATCHES, &[site], 1);
-        for (outcome, count) in self.samples.by_outcome() {
+        let (newest_s, lag_s) = (seconds(self.newest_ns), seconds(self.lag_ns));
+        metrics.batch(site, self.samples.accepted, newest_s, lag_s);
+        // The first outcome is the accepted ones.
+        for (outcome, count) in self.samples.by_outcome().into_iter().skip(1) {
             if count > 0 {
                 metrics.add(&catalogue::SAMPLES, &[site, outcome], count);
             }
         }
-        metrics.set(
-            &catalogue::SAMPLE_TIMESTAMP,
-            &[site],
-            seconds(self.newest_ns),
-        );
-        metrics.set(&catalogue::SAMPLE_LAG, &[site], seconds(self.lag_ns));
         metrics.streams().batch(self);
         trace!(site, stream = self.stream, samples = ?self.samples, "batch taken in");
         if let Some(TimeStep { kind, words }) = &self.step {
@@ -140,6 +136,19 @@ impl Occurrence for BatchTaken {
                 "batches never arrived"
             );
         }
+    }
+}
+
+/// A measurement message is behind the detector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageThrough {
+    /// Time since it arrived, nanoseconds.
+    pub took_ns: i64,
+}
+
+impl Occurrence for MessageThrough {
+    fn emit(&self, metrics: &Metrics) {
+        metrics.observe(&catalogue::INTAKE_SECONDS, &[], seconds(self.took_ns));
     }
 }
 

@@ -1,12 +1,18 @@
 //! The registry: the only module, with `adapters::prometheus`, that knows the library behind it.
 
-use std::{collections::BTreeMap, fmt};
+use std::{
+    collections::{BTreeMap, HashMap},
+    fmt,
+    sync::{Mutex, PoisonError},
+};
 
-use prometheus::{GaugeVec, HistogramOpts, HistogramVec, IntCounterVec, Opts, Registry};
+use prometheus::{
+    Gauge, GaugeVec, HistogramOpts, HistogramVec, IntCounter, IntCounterVec, Opts, Registry,
+};
 
 use super::{
     CATALOGUE, Declaration, Kind, StreamTable,
-    catalogue::{BUILD_INFO, START_TIMESTAMP},
+    catalogue::{BATCHES, BUILD_INFO, SAMPLE_LAG, SAMPLE_TIMESTAMP, SAMPLES, START_TIMESTAMP},
 };
 
 /// Why the registry refused the catalogue.
@@ -18,11 +24,21 @@ enum Family {
     Histogram(HistogramVec),
 }
 
+/// The series of a site that move with every batch: to look each up by its labels would cost as much as to decode
+/// the batch.
+struct BatchSeries {
+    batches: IntCounter,
+    accepted: IntCounter,
+    newest_s: Gauge,
+    lag_s: Gauge,
+}
+
 /// All metrics of the process.
 pub struct Metrics {
     registry: Registry,
     families: BTreeMap<&'static str, Family>,
     streams: StreamTable,
+    of_batches: Mutex<HashMap<String, BatchSeries>>,
 }
 
 impl fmt::Debug for Metrics {
@@ -50,6 +66,7 @@ impl Metrics {
             registry,
             families,
             streams: StreamTable::default(),
+            of_batches: Mutex::default(),
         })
     }
 
@@ -72,6 +89,43 @@ impl Metrics {
         {
             counter.inc_by(count);
         }
+    }
+
+    /// A batch of a site with its accepted samples, the time of its newest one, and that one's age.
+    pub(super) fn batch(&self, site: &str, accepted: u64, newest_s: f64, lag_s: f64) {
+        let mut known = self
+            .of_batches
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if !known.contains_key(site) {
+            let Some(series) = self.batch_series(site) else {
+                return;
+            };
+            known.insert(site.to_owned(), series);
+        }
+        if let Some(series) = known.get(site) {
+            series.batches.inc();
+            series.accepted.inc_by(accepted);
+            series.newest_s.set(newest_s);
+            series.lag_s.set(lag_s);
+        }
+    }
+
+    fn batch_series(&self, site: &str) -> Option<BatchSeries> {
+        let counter = |metric: &Declaration, labels: &[&str]| match self.families.get(metric.name) {
+            Some(Family::Counter(family)) => family.get_metric_with_label_values(labels).ok(),
+            _ => None,
+        };
+        let gauge = |metric: &Declaration| match self.families.get(metric.name) {
+            Some(Family::Gauge(family)) => family.get_metric_with_label_values(&[site]).ok(),
+            _ => None,
+        };
+        Some(BatchSeries {
+            batches: counter(&BATCHES, &[site])?,
+            accepted: counter(&SAMPLES, &[site, "accepted"])?,
+            newest_s: gauge(&SAMPLE_TIMESTAMP)?,
+            lag_s: gauge(&SAMPLE_LAG)?,
+        })
     }
 
     /// Sets a gauge. A metric that is not of the catalogue is ignored.
@@ -135,7 +189,7 @@ impl Family {
             }
             Kind::Histogram(bounds) => {
                 let options = HistogramOpts::from(declared.opts())
-                    .buckets(bounds.iter().map(|bound| f64::from(*bound)).collect());
+                    .buckets(bounds.iter().map(|bound| f64::from(*bound) / 1e3).collect());
                 let family = HistogramVec::new(options, declared.labels)?;
                 registry.register(Box::new(family.clone()))?;
                 Ok(Self::Histogram(family))

@@ -24,13 +24,13 @@ use super::*;
 
 const SITES: [&str; 4] = ["east", "north", "south", "west"];
 const KILLS: usize = 3;
-const RATE_FPS: f64 = 60.0;
-const START_NS: i64 = 1_767_225_600_000_000_000;
+pub(super) const RATE_FPS: f64 = 60.0;
+pub(super) const START_NS: i64 = 1_767_225_600_000_000_000;
 /// Ten times the pace of the stamps.
 const FRAMES_PER_MESSAGE: u64 = 6;
 const BETWEEN_MESSAGES: Duration = Duration::from_millis(10);
 /// A dip every ten seconds, of a fifth of a second.
-const DIP_EVERY: u64 = 600;
+pub(super) const DIP_EVERY: u64 = 600;
 const DIP_FRAMES: u64 = 12;
 
 #[test]
@@ -142,7 +142,7 @@ impl Ledger {
 
 /// Number of a run's first sample at a site, and how many instants it says were passed over before. None
 /// while nothing has come, or while the metrics move between two lines.
-fn first_and_skipped(daemon: &Daemon, site: &str) -> Option<(u64, u64)> {
+pub(super) fn first_and_skipped(daemon: &Daemon, site: &str) -> Option<(u64, u64)> {
     let first = |metrics: &str| {
         let samples = |outcome: &str| {
             let name = format!("loadmodeld_samples_total{{outcome=\"{outcome}\",site=\"{site}\"}}");
@@ -172,12 +172,12 @@ fn first_and_skipped(daemon: &Daemon, site: &str) -> Option<(u64, u64)> {
     (before == after).then_some(before)
 }
 
-fn value(metrics: &str, name: &str) -> Option<f64> {
+pub(super) fn value(metrics: &str, name: &str) -> Option<f64> {
     let line = metrics.lines().find_map(|line| line.strip_prefix(name))?;
     line.trim().parse().ok()
 }
 
-fn number(time_ns: i64) -> u64 {
+pub(super) fn number(time_ns: i64) -> u64 {
     let period_ns = 1e9 / RATE_FPS;
     #[allow(
         clippy::cast_possible_truncation,
@@ -221,8 +221,8 @@ impl Place {
     }
 }
 
-/// A router, and a PMU per site that publishes through it without a pause.
-struct Publisher {
+/// A PMU per site that publishes without a pause: as a router of its own, or through a session.
+pub(super) struct Publisher {
     endpoint: String,
     sent: Arc<AtomicU64>,
     stop: Arc<AtomicBool>,
@@ -231,6 +231,16 @@ struct Publisher {
 
 impl Publisher {
     fn start() -> Self {
+        let router = ZenohOptions {
+            mode: Mode::Router,
+            listen: vec!["tcp/127.0.0.1:0".to_owned()],
+            ..ZenohOptions::default()
+        };
+        Self::with(router, SITES.map(str::to_owned).to_vec())
+    }
+
+    /// For these sites, by a session of its own.
+    pub(super) fn with(options: ZenohOptions, sites: Vec<String>) -> Self {
         let (sent, stop) = (
             Arc::new(AtomicU64::new(0)),
             Arc::new(AtomicBool::new(false)),
@@ -239,17 +249,12 @@ impl Publisher {
         let (endpoint_sender, endpoint) = channel();
         let thread = thread::spawn(move || {
             runtime().block_on(async {
-                let options = ZenohOptions {
-                    mode: Mode::Router,
-                    listen: vec!["tcp/127.0.0.1:0".to_owned()],
-                    ..ZenohOptions::default()
-                };
-                let router = zenoh::open(&options).await.unwrap();
-                let endpoint = router.info().locators().await[0].to_string();
-                endpoint_sender.send(endpoint).unwrap();
-                let sites = SITES.map(str::to_owned);
+                let session = zenoh::open(&options).await.unwrap();
+                let endpoints = session.info().locators().await;
+                let endpoint = endpoints.first().map(ToString::to_string);
+                endpoint_sender.send(endpoint.unwrap_or_default()).unwrap();
                 let keys = Keys::new(PREFIX);
-                let publisher = FramePublisher::new(&router, &keys, &sites, "pmu");
+                let publisher = FramePublisher::new(&session, &keys, &sites, "pmu");
                 let publisher = publisher.await.unwrap();
                 let mut played = Played::new(&site(), RATE_FPS, 7).unwrap();
                 let configuration = played.configuration(ConfigurationKind::Configuration2);
@@ -282,12 +287,12 @@ impl Publisher {
     }
 
     /// Frames of each stream that may have gone out.
-    fn sent(&self) -> u64 {
+    pub(super) fn sent(&self) -> u64 {
         self.sent.load(Ordering::Relaxed)
     }
 
     /// Frames of each stream that have gone out, and those of them that nobody had subscribed to.
-    fn end(self) -> (u64, u64) {
+    pub(super) fn end(self) -> (u64, u64) {
         self.stop.store(true, Ordering::Relaxed);
         let unheard = self.thread.join().unwrap();
         (self.sent.load(Ordering::Relaxed), unheard)

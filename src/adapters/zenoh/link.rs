@@ -110,7 +110,7 @@ impl Link {
             .session
             .declare_subscriber(key.clone())
             .callback(move |sample| {
-                let Some(message) = message(&keys, &sample) else {
+                let Some(message) = message(&keys, &sample, (entrance.now_ns)()) else {
                     return;
                 };
                 if recordings {
@@ -187,13 +187,14 @@ impl LinkPublisher {
             return false;
         };
         entrance.measurement(Message::Payload {
-            key: self.keys.measurement(site, stream),
             address: Address::Measurement {
                 site: site.to_owned(),
                 stream: stream.to_owned(),
             },
-            encoding: String::new(),
+            encoding: "".into(),
             payload,
+            arrived_ns: (entrance.now_ns)(),
+            held: None,
         });
         true
     }
@@ -210,18 +211,22 @@ impl LinkPublisher {
     }
 }
 
-fn message(keys: &Keys, sample: &Sample) -> Option<Message> {
+fn message(keys: &Keys, sample: &Sample, arrived_ns: i64) -> Option<Message> {
     if sample.kind() == SampleKind::Delete {
         return None;
     }
-    let key = sample.key_expr().as_str().to_owned();
-    Some(match keys.address(&key) {
-        None => Message::Stray { key },
+    let key = sample.key_expr().as_str();
+    Some(match keys.address(key) {
+        None => Message::Stray {
+            key: key.to_owned(),
+        },
         Some(address) => Message::Payload {
-            key,
             address,
-            encoding: sample.encoding().to_string(),
+            // Without a copy where it is one that everybody knows.
+            encoding: sample.encoding().clone().into(),
             payload: sample.payload().to_bytes().into_owned(),
+            arrived_ns,
+            held: None,
         },
     })
 }

@@ -149,17 +149,13 @@ impl<'a> View<'a> {
             self.loads.len()
         )?;
         for (proposal, preview) in &self.loads {
-            let mapping = &proposal.mapping;
             writeln!(text, "  {} with {}", proposal.label, proposal.voltage_label)?;
-            writeln!(text, "    voltage {}", mapping.voltage.channels.join(", "))?;
-            writeln!(
-                text,
-                "    current {}",
-                mapping.currents[0].channels.join(", ")
-            )?;
             match preview {
                 Ok(p) => write_preview(text, p)?,
                 Err(error) => writeln!(text, "    no phasors: {error}")?,
+            }
+            for line in toml(proposal, preview.as_ref().ok()).lines() {
+                writeln!(text, "      {line}")?;
             }
         }
         Ok(())
@@ -202,6 +198,25 @@ impl<'a> View<'a> {
     }
 }
 
+/// The table of the configuration file that says so. What gives power at the beginning is turned round.
+fn toml(proposal: &Proposal, preview: Option<&Preview>) -> String {
+    let mapping = &proposal.mapping;
+    let between = match mapping.connection {
+        Connection::LineToGround => "",
+        Connection::LineToLine => "connection = \"line_to_line\"\n",
+    };
+    let sign = if preview.is_some_and(|p| p.active_mw < 0.0) {
+        "current_sign = -1\n"
+    } else {
+        ""
+    };
+    format!(
+        "[[site.recording]]\nvoltages = {}\ncurrents = {}\n{between}{sign}",
+        json!(mapping.voltage.channels),
+        json!(mapping.currents[0].channels)
+    )
+}
+
 /// The proposed load's phasors on bases of 1 MVA and 1 kV.
 fn preview(recording: &Recording, proposal: &Proposal) -> Result<Preview, mapping::Error> {
     let site = Site {
@@ -239,6 +254,13 @@ fn write_preview(text: &mut String, p: &Preview) -> std::fmt::Result {
             "    no usable phasor: the voltage is dead or has missing samples"
         );
     }
+    if p.active_mw < 0.0 {
+        writeln!(
+            text,
+            "    power flows out at the beginning: a source, or currents that count the other way, as in the \
+             table below; or the voltage is not that of these currents"
+        )?;
+    }
     let [low_mw, high_mw] = p.active_range_mw;
     let [low_hz, high_hz] = p.frequency_range_hz;
     writeln!(
@@ -250,6 +272,7 @@ fn write_preview(text: &mut String, p: &Preview) -> std::fmt::Result {
 }
 
 fn load_json((proposal, preview): &(Proposal, Result<Preview, mapping::Error>)) -> Value {
+    let table = toml(proposal, preview.as_ref().ok());
     let preview = match preview {
         Ok(p) => json!({
             "voltage_kv": number(p.voltage_kv),
@@ -271,6 +294,7 @@ fn load_json((proposal, preview): &(Proposal, Result<Preview, mapping::Error>)) 
         "voltage": proposal.mapping.voltage.channels,
         "voltage_between_phases": between,
         "current": proposal.mapping.currents[0].channels,
+        "table": table,
         "preview": preview,
     })
 }

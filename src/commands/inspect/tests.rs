@@ -57,6 +57,7 @@ fn recording_is_described_with_the_load_it_seems_to_hold() {
         "100 at 1000.000 per second",
         "I* with U*",
         "begins at 109.999 kV, 19.05",
+        "      [[site.recording]]\n      voltages = [\"Ua\",\"Ub\",\"Uc\"]\n",
     ] {
         assert!(text.contains(expected), "{expected} in\n{text}");
     }
@@ -65,6 +66,11 @@ fn recording_is_described_with_the_load_it_seems_to_hold() {
     let active_mw = json["loads"][0]["preview"]["active_mw"].as_f64().unwrap();
     // sqrt(3) 110 kV 100 A
     assert!((active_mw - 19.0526).abs() < 1e-2, "{active_mw}");
+    // The table is what the configuration takes.
+    let table = json["loads"][0]["table"].as_str().unwrap();
+    let site = "[[site]]\nname = \"a\"\ns_base_mva = 10\nv_base_kv = 110\nnominal_hz = 50\n";
+    let config = crate::config::Config::parse(&format!("{site}{table}"), "test");
+    assert!(config.is_ok(), "{config:?}");
 }
 
 #[test]

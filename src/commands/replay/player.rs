@@ -17,8 +17,8 @@ use crate::{
 
 /// Time that one batch covers, seconds: PMU concentrators send a few frames at a time.
 const BATCH_S: f64 = 0.1;
-/// Batches between two questions whether everything has been taken in: far fewer than the daemon's
-/// shortest queue, so that nothing is ever dropped.
+/// Batches between two questions whether everything has been taken in: half of the daemon's shortest
+/// queue, so that nothing is ever dropped.
 const BATCHES_BETWEEN_BARRIERS: u64 = 64;
 /// Longest wait for the daemon to take in what was sent.
 const BARRIER_LIMIT: Duration = Duration::from_mins(1);

@@ -9,6 +9,10 @@ use crate::measurement::Sample;
 #[derive(Clone, Debug)]
 pub(super) struct History {
     samples: VecDeque<Sample>,
+    /// What may meet a trigger in each of them, else not a number. Read again with every sample: beside each
+    /// other they take an eighth of the memory's lines, which counts with a thousand sites.
+    voltages_pu: VecDeque<f64>,
+    frequencies_hz: VecDeque<f64>,
     memory: usize,
 }
 
@@ -46,6 +50,8 @@ impl History {
     pub(super) fn new(memory: usize) -> Self {
         Self {
             samples: VecDeque::new(),
+            voltages_pu: VecDeque::new(),
+            frequencies_hz: VecDeque::new(),
             memory,
         }
     }
@@ -53,7 +59,13 @@ impl History {
     pub(super) fn push(&mut self, sample: Sample) {
         if self.samples.len() == self.memory {
             self.samples.pop_front();
+            self.voltages_pu.pop_front();
+            self.frequencies_hz.pop_front();
         }
+        let voltage_pu = trigger_voltage(&sample).unwrap_or(f64::NAN);
+        let frequency_hz = trigger_frequency(&sample).unwrap_or(f64::NAN);
+        self.voltages_pu.push_back(voltage_pu);
+        self.frequencies_hz.push_back(frequency_hz);
         self.samples.push_back(sample);
     }
 
@@ -78,12 +90,12 @@ impl History {
 
     /// Usable voltages of the samples `range` before the newest, oldest first.
     pub(super) fn voltages(&self, range: Range<usize>) -> Vec<f64> {
-        self.values(range, trigger_voltage)
+        known(&self.voltages_pu, range)
     }
 
     /// Usable frequencies of the samples `range` before the newest, oldest first.
     pub(super) fn frequencies(&self, range: Range<usize>) -> Vec<f64> {
-        self.values(range, trigger_frequency)
+        known(&self.frequencies_hz, range)
     }
 
     /// Level, trend and noise before the step time; none when too little is known.
@@ -129,12 +141,15 @@ impl History {
             has_trend,
         })
     }
+}
 
-    fn values(&self, range: Range<usize>, value: fn(&Sample) -> Option<f64>) -> Vec<f64> {
-        let end = self.samples.len().saturating_sub(range.start);
-        let start = self.samples.len().saturating_sub(range.end);
-        self.samples.range(start..end).filter_map(value).collect()
-    }
+/// The numbers among the values `range` before the newest, oldest first.
+fn known(values: &VecDeque<f64>, range: Range<usize>) -> Vec<f64> {
+    let end = values.len().saturating_sub(range.start);
+    let start = values.len().saturating_sub(range.end);
+    let mut known = Vec::with_capacity(end - start);
+    known.extend(values.range(start..end).filter(|value| value.is_finite()));
+    known
 }
 
 /// The voltage of a sample, if it may meet a trigger, pu.

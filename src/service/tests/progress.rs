@@ -39,6 +39,21 @@ fn instants_that_pass_between_two_runs_of_the_service_are_counted() {
 }
 
 #[test]
+fn progress_that_the_store_did_not_keep_is_asked_for_again() {
+    let mut bench = Bench::new();
+    let _ = bench.apply(Event::BatchDecoded(Bench::dip(0)));
+    let asked = kept(&bench.apply(Event::Tick)).unwrap();
+    let _ = bench.apply(Event::ProgressKept(Err(failure())));
+    assert!(kept(&bench.apply(Event::Tick)).is_none(), "after a pause");
+    bench.pass(ServiceOptions::default().store_retry_ns);
+    // Nothing has come since: it is the same again, and once kept it is not asked for any more.
+    assert_eq!(kept(&bench.apply(Event::Tick)), Some(asked));
+    let _ = bench.apply(Event::ProgressKept(Ok(())));
+    bench.pass(2 * SECOND_NS);
+    assert!(kept(&bench.apply(Event::Tick)).is_none());
+}
+
+#[test]
 fn a_run_that_hears_the_next_sample_has_missed_nothing() {
     let mut first = Bench::new();
     let _ = first.apply(Event::BatchDecoded(Bench::dip(0)));

@@ -129,6 +129,42 @@ fn a_full_spool_drops_the_oldest_window_and_counts_it() {
 }
 
 #[test]
+fn a_slow_store_is_given_one_window_and_the_others_wait_within_the_bound() {
+    let mut bench = Bench::new();
+    let given = |commands: &[Command]| stored_windows(commands);
+    let first = given(&bench.feed_dip(0)).remove(0);
+    // It does not answer. Intake goes on, three windows have room, and the oldest that waits is dropped.
+    for k in 1..=3 {
+        let commands = bench.feed_dip(100 * k);
+        assert!(given(&commands).is_empty(), "{commands:?}");
+    }
+    let metric = |bench: &Bench, metric| bench.metric(metric, &[]);
+    assert!((metric(&bench, &catalogue::WINDOWS_SPOOLED) - 3.0).abs() < 0.5);
+    assert!((metric(&bench, &catalogue::WINDOWS_DROPPED) - 1.0).abs() < 0.5);
+    assert!((bench.metric(&catalogue::SAMPLES, &["north", "accepted"]) - 2000.0).abs() < 0.5);
+    let measurements = |commands: &[Command]| {
+        let measured = |c: &&Command| matches!(c, Command::MeasureStore);
+        commands.iter().filter(measured).count()
+    };
+    bench.pass(100 * SECOND_NS);
+    assert_eq!(
+        measurements(&bench.apply(Event::Tick)),
+        0,
+        "one is asked for already"
+    );
+    let mut window = first;
+    for left in [2, 1] {
+        let next = given(&bench.apply(stored(&window)));
+        assert_eq!(next.len(), 1);
+        assert!((metric(&bench, &catalogue::WINDOWS_SPOOLED) - f64::from(left)).abs() < 0.5);
+        window = next[0].clone();
+    }
+    assert!(given(&bench.apply(stored(&window))).is_empty());
+    assert!(metric(&bench, &catalogue::WINDOWS_SPOOLED).abs() < 0.5);
+    assert!((bench.metric(&catalogue::WINDOWS, &["north"]) - 3.0).abs() < 0.5);
+}
+
+#[test]
 fn a_step_that_failed_after_storage_is_left_to_the_next_look() {
     let mut bench = Bench::new();
     let window = bench.window();

@@ -2,7 +2,7 @@
 //! sixteen digital states, all little-endian.
 
 use super::{
-    configuration::Configuration,
+    configuration::{Analog, Configuration},
     recording::{DataFormat, Revision},
     sample_times::{RawTime, Rows},
 };
@@ -29,7 +29,7 @@ pub(super) fn parse(configuration: &Configuration, bytes: &[u8]) -> Rows {
         });
         let channels = configuration.analog.iter().zip(&mut rows.analog);
         for ((channel, column), field) in channels.zip(values.chunks_exact(value_bytes)) {
-            let recorded = value(format, configuration.revision, field);
+            let recorded = value(format, missing_code(configuration.revision, channel), field);
             column.push(channel.factor * recorded + channel.offset);
         }
         let index = rows.times.len() - 1;
@@ -48,18 +48,22 @@ fn u32_at(bytes: &[u8]) -> u32 {
     u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
 }
 
+/// The code of sixteen bits that stands for "missing": 0x8000, or 0xFFFF in 1991. Recorders of that time that
+/// declare negative values write them as two's complements: there 0xFFFF is the value next to zero.
+fn missing_code(revision: Revision, channel: &Analog) -> Option<i16> {
+    if revision > Revision::Y1991 {
+        return Some(i16::MIN);
+    }
+    let has_negative = channel.lowest.is_some_and(|lowest| lowest < 0.0);
+    (!has_negative).then_some(-1)
+}
+
 /// The recorded number, or NaN for the code that stands for "missing".
-fn value(format: DataFormat, revision: Revision, field: &[u8]) -> f64 {
+fn value(format: DataFormat, missing: Option<i16>, field: &[u8]) -> f64 {
     match format {
         DataFormat::Binary => {
             let code = i16::from_le_bytes([field[0], field[1]]);
-            // 0xFFFF in 1991, 0x8000 since.
-            let missing = if revision == Revision::Y1991 {
-                -1
-            } else {
-                i16::MIN
-            };
-            if code == missing {
+            if Some(code) == missing {
                 f64::NAN
             } else {
                 f64::from(code)

@@ -5,10 +5,10 @@
 //! 1. valid UTF-8 is UTF-8;
 //! 2. otherwise the runs of bytes above 0x7F decide. If every run is made of two-byte GB 2312
 //!    characters and most of them are symbols or level-1 (everyday) characters, it is GB 18030:
-//!    Russian text fails this by runs of odd length and by lower-case letters, whose codes would
-//!    be rare level-2 characters;
+//!    Russian text fails this by runs of odd length, by lower-case letters, whose codes would be
+//!    rare level-2 characters, and, abbreviations of two capitals, by having no code below 0xC0;
 //! 3. else, if most of those bytes are Cyrillic letters of windows-1251 and stand next to each
-//!    other, it is windows-1251;
+//!    other, not in the middle of a word of ASCII letters, it is windows-1251;
 //! 4. else it is windows-1252 (Latin-1): single accented letters among ASCII ones.
 //!
 //! A caller that knows better names the code page.
@@ -27,10 +27,7 @@ pub(super) fn detect(bytes: &[u8]) -> &'static Encoding {
     if std::str::from_utf8(bytes).is_ok() {
         return UTF_8;
     }
-    let runs: Vec<&[u8]> = bytes
-        .split(u8::is_ascii)
-        .filter(|run| !run.is_empty())
-        .collect();
+    let runs = runs(bytes);
     if looks_chinese(&runs) {
         GB18030
     } else if looks_cyrillic(&runs) {
@@ -40,13 +37,42 @@ pub(super) fn detect(bytes: &[u8]) -> &'static Encoding {
     }
 }
 
-fn looks_chinese(runs: &[&[u8]]) -> bool {
-    let (mut pairs, mut everyday) = (0_usize, 0_usize);
+/// Bytes above 0x7F that follow one another.
+struct Run<'a> {
+    bytes: &'a [u8],
+    /// Whether there is an ASCII letter right before and right behind.
+    within_word: bool,
+}
+
+fn runs(bytes: &[u8]) -> Vec<Run<'_>> {
+    let letter = |at: Option<usize>| {
+        at.and_then(|at| bytes.get(at))
+            .is_some_and(u8::is_ascii_alphabetic)
+    };
+    let mut runs = Vec::new();
+    let mut at = 0;
+    while at < bytes.len() {
+        let length = bytes[at..].iter().take_while(|b| !b.is_ascii()).count();
+        if length > 0 {
+            runs.push(Run {
+                bytes: &bytes[at..at + length],
+                within_word: letter(at.checked_sub(1)) && letter(Some(at + length)),
+            });
+        }
+        at += length + 1;
+    }
+    runs
+}
+
+fn looks_chinese(runs: &[Run<'_>]) -> bool {
+    const CYRILLIC_FROM: u8 = 0xc0;
+    let (mut pairs, mut everyday, mut told) = (0_usize, 0_usize, false);
     for run in runs {
-        if run.len() % 2 == 1 {
+        if run.bytes.len() % 2 == 1 {
             return false;
         }
-        for pair in run.chunks_exact(2) {
+        told |= run.bytes.iter().any(|byte| *byte < CYRILLIC_FROM);
+        for pair in run.bytes.chunks_exact(2) {
             if pair[0] < 0xa1 || pair[0] > 0xf7 || pair[1] < 0xa1 {
                 return false;
             }
@@ -54,16 +80,17 @@ fn looks_chinese(runs: &[&[u8]]) -> bool {
             everyday += usize::from(pair[0] <= 0xd7);
         }
     }
-    pairs > 0 && everyday as f64 >= SHARE_MIN * pairs as f64
+    told && everyday as f64 >= SHARE_MIN * pairs as f64
 }
 
-fn looks_cyrillic(runs: &[&[u8]]) -> bool {
+fn looks_cyrillic(runs: &[Run<'_>]) -> bool {
     const YO: [u8; 2] = [0xa8, 0xb8];
     let (mut bytes, mut letters) = (0_usize, 0_usize);
     for run in runs {
-        bytes += run.len();
-        let fits = run.iter().filter(|&&b| b >= 0xc0 || YO.contains(&b));
-        letters += if run.len() > 1 { fits.count() } else { 0 };
+        bytes += run.bytes.len();
+        let fits = run.bytes.iter().filter(|&&b| b >= 0xc0 || YO.contains(&b));
+        let word = run.bytes.len() > 1 && !run.within_word;
+        letters += if word { fits.count() } else { 0 };
     }
     letters as f64 >= SHARE_MIN * bytes as f64
 }
@@ -97,6 +124,15 @@ mod tests {
         assert_eq!(
             detected_as("Umspannwerk K\u{f6}ln S\u{fc}d", WINDOWS_1252),
             "windows-1252"
+        );
+        // Letters side by side in a word, and an abbreviation whose codes are also a Chinese character's.
+        assert_eq!(
+            detected_as("Gr\u{f6}\u{df}e,1", WINDOWS_1252),
+            "windows-1252"
+        );
+        assert_eq!(
+            detected_as("Uc_\u{421}\u{428},1", WINDOWS_1251),
+            "windows-1251"
         );
     }
 }

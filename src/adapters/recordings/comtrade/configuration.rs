@@ -37,6 +37,8 @@ pub(super) struct Analog {
     pub(super) unit: String,
     pub(super) factor: f64,
     pub(super) offset: f64,
+    /// Smallest recorded value, as declared.
+    pub(super) lowest: Option<f64>,
     pub(super) skew_us: f64,
     pub(super) primary: Option<f64>,
     pub(super) secondary: Option<f64>,
@@ -227,7 +229,7 @@ impl<'a> Reader<'a> {
             return Err(field_count(line, fields.len(), "13 (10 in 1991 files)"));
         }
         let positive = |value: Option<f64>| value.filter(|v| *v > 0.0);
-        line.optional_number("min", fields.get(8))?;
+        let lowest = line.optional_number("min", fields.get(8))?;
         line.optional_number("max", fields.get(9))?;
         Ok(Analog {
             number: line.parse("An", fields[0], "a channel number")?,
@@ -237,6 +239,7 @@ impl<'a> Reader<'a> {
             unit: fields[4].to_owned(),
             factor: line.number("a", fields[5])?,
             offset: line.optional_number("b", fields.get(6))?.unwrap_or(0.0),
+            lowest,
             skew_us: line.optional_number("skew", fields.get(7))?.unwrap_or(0.0),
             primary: positive(line.optional_number("primary", fields.get(10))?),
             secondary: positive(line.optional_number("secondary", fields.get(11))?),

@@ -29,11 +29,21 @@ pub(super) fn split(bytes: &[u8]) -> Result<Sections<'_>, Error> {
     let mut configuration: Option<(usize, usize)> = None;
     let mut open: Option<usize> = None;
     let (mut at, mut number) = (0, 0);
+    // People rule off their notes with dashes.
+    let mut free_text = false;
     while at < bytes.len() {
         let end = bytes[at..].iter().position(|&b| b == b'\n');
         let next = end.map_or(bytes.len(), |length| at + length + 1);
         number += 1;
-        let header = header(number, &bytes[at..next])?;
+        let line = &bytes[at..next];
+        let header = if free_text && !has_words_of_header(line) {
+            None
+        } else {
+            header(number, line)?
+        };
+        if let Some(header) = &header {
+            free_text = matches!(header, Header::Information);
+        }
         if header.is_some()
             && let Some(start) = open.take()
         {
@@ -83,6 +93,12 @@ fn data_section(line: usize, rest: &[u8], length: Option<usize>) -> Result<&[u8]
             Error::field(Part::Container, line, "data length", &found, EXPECTED)
         }),
     }
+}
+
+/// Whether a line says what a header says, well or badly.
+fn has_words_of_header(line: &[u8]) -> bool {
+    let text = String::from_utf8_lossy(line).to_ascii_uppercase();
+    text.contains("FILE") && text.contains("TYPE")
 }
 
 /// Reads a header line; none for any other line. A line with the dashes of a header that is not

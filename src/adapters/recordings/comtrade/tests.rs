@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::*;
 
 mod mutants;
+mod variants;
 mod writing;
 
 const EXACT: f64 = 1e-12;
