@@ -7,7 +7,7 @@ use super::{
     evaluate::FittedModel,
     fit::{FitSolution, SearchOptions},
     intake::PreparedEvent,
-    joint_problem::{JointProblem, LINEAR, OUTER, Rough, motor_coordinates, outer_bounds},
+    joint_problem::{JointProblem, LINEAR, OUTER, Simulated, motor_coordinates, outer_bounds},
     paper_problem::PaperProblem,
 };
 use crate::{
@@ -68,7 +68,9 @@ pub(super) fn reduced(
         };
         is_same(a, b, &bounds, close)
     };
-    let (rough, for_scan) = (Rough::new(problem), Rough::for_scan(problem));
+    let rough = Simulated::roughly(problem);
+    let for_scan = Simulated::for_scan(problem);
+    let exact = Simulated::exactly(problem);
     let first = scan_starts(
         &for_scan,
         &bounds,
@@ -107,10 +109,10 @@ pub(super) fn reduced(
         cancel,
     );
     let worth = worth_exploring_below(&found.solutions, options.trust_tech.explore_within);
-    let found = made_exact(problem, found, worth, &same, &options.trust_tech, cancel);
+    let found = made_exact(&exact, found, worth, &same, &options.trust_tech, cancel);
     let solution = |found: &FoundSolution| {
         let point = if found.local.value <= worth {
-            problem.point(&found.local.x)?
+            exact.point(&found.local.x)?
         } else {
             rough.point(&found.local.x)?
         };
@@ -140,7 +142,7 @@ fn roughly(options: &trust_tech::Options) -> trust_tech::Options {
 /// The search's solutions where the exact problem has them: the local solver once more from each whose
 /// objective is at most `worth`. Two that turn out to be one become one.
 fn made_exact(
-    problem: &JointProblem<'_>,
+    exactly: &Simulated<'_, '_>,
     found: Search,
     worth: f64,
     same: &dyn Fn(&LocalSolution, &LocalSolution) -> bool,
@@ -153,7 +155,7 @@ fn made_exact(
         .map(|solution| solution.local.x.clone())
         .collect();
     let polished =
-        local_solver::minimise_all(problem, &outer_bounds(), &starts, &options.local, cancel);
+        local_solver::minimise_all(exactly, &outer_bounds(), &starts, &options.local, cancel);
     let mut polished = polished.into_iter();
     let mut cost = found.cost;
     let mut solutions: Vec<FoundSolution> = Vec::new();
