@@ -37,8 +37,8 @@ const PHYSICAL_START: [f64; OUTER] = [3.4, 7.0, 0.4];
 const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
 /// Decreases of the objective, relative and absolute, that are not worth a step before solutions are made
 /// exact: far below what tells two solutions apart.
-const ROUGH_DECREASE: f64 = 1e-6;
-const ROUGH_DECREASE_ABSOLUTE: f64 = 1e-4;
+const ROUGH_DECREASE: f64 = 1e-5;
+const ROUGH_DECREASE_ABSOLUTE: f64 = 1e-3;
 
 /// Two solutions are one when their outer coordinates differ by less than this share of the box.
 const SAME_COORDINATES: f64 = 2e-3;

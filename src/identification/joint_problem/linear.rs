@@ -189,3 +189,47 @@ pub(super) fn null_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
         .collect();
     DMatrix::from_fn(LINEAR, columns.len(), |i, j| columns[j][i])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identification::joint_problem::ProblemOptions;
+
+    #[test]
+    fn the_optimum_under_the_box_is_that_of_the_general_method() {
+        let problem = JointProblem::new(&[], ProblemOptions::default(), &|| false);
+        let (mut state, mut on_bounds, mut ended) = (1_u64, 0, 0);
+        let mut draw = || {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            (state >> 11) as f64 / (1_u64 << 53) as f64 * 2.0 - 1.0
+        };
+        for _ in 0..300 {
+            let root = LinearMatrix::from_fn(|_, _| draw());
+            let h = root * root.transpose() * 1e4 + LinearMatrix::identity();
+            let x = LinearVector::from_fn(|_, _| 3.0 * draw());
+            let g = -(h * x);
+            let Some(boxed) = problem.boxed_optimum(&h, &g) else {
+                continue;
+            };
+            ended += 1;
+            let program = QuadraticProgram {
+                hessian: DMatrix::from_column_slice(LINEAR, LINEAR, h.as_slice()),
+                gradient: DVector::from_column_slice(g.as_slice()),
+                bounds: Bounds {
+                    lower: DVector::from_column_slice(&problem.options.linear_lower),
+                    upper: DVector::from_column_slice(&problem.options.linear_upper),
+                },
+                equalities: LinearConstraints::none(LINEAR),
+                inequalities: LinearConstraints::none(LINEAR),
+            };
+            let general = program.minimise().unwrap();
+            on_bounds += general.active.len();
+            for (a, b) in boxed.iter().zip(general.x.iter()) {
+                assert!((a - b).abs() < 1e-8, "{boxed:?} {general:?}");
+            }
+        }
+        assert!(ended > 270 && on_bounds > 300, "{ended} {on_bounds}");
+    }
+}

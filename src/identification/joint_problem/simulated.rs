@@ -26,15 +26,20 @@ impl<'a, 'e> Simulated<'a, 'e> {
         Self::with(problem, Effort::Exact)
     }
 
-    /// Steps with errors below 1e-4 of the motor's power, a tenth of the noise of any recording; away from
-    /// transients far below.
+    /// Steps with errors below 1e-3 of the power that the motor draws at the moment, as large as the noise of a good
+    /// recording; away from transients far below.
     pub(in crate::identification) const fn roughly(problem: &'a JointProblem<'e>) -> Self {
-        Self::with(problem, Effort::Rough { looseness: 100_000 })
+        Self::with(
+            problem,
+            Effort::Rough {
+                looseness: 1_000_000,
+            },
+        )
     }
 
-    /// Errors of up to 1e-3, for a scan whose cells differ by more.
+    /// Errors of up to 1e-2, for a scan whose cells differ by more.
     pub(in crate::identification) const fn for_scan(problem: &'a JointProblem<'e>) -> Self {
-        let looseness = 1_000_000;
+        let looseness = 10_000_000;
         Self::with(problem, Effort::Rough { looseness })
     }
 
