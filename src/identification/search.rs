@@ -111,11 +111,9 @@ pub(super) fn reduced(
     let worth = worth_exploring_below(&found.solutions, options.trust_tech.explore_within);
     let found = made_exact(&exact, found, worth, &same, &options.trust_tech, cancel);
     let solution = |found: &FoundSolution| {
-        let point = if found.local.value <= worth {
-            exact.point(&found.local.x)?
-        } else {
-            rough.point(&found.local.x)?
-        };
+        let is_worth = found.local.value <= worth;
+        let simulated = if is_worth { &exact } else { &rough };
+        let point = simulated.point(&found.local.x)?;
         Some(FitSolution {
             found: found.clone(),
             model: fitted_model(problem, &found.local.x, point.linear)?,
