@@ -53,7 +53,7 @@ impl Default for SearchOptions {
         let mut options = trust_tech::Options {
             tiers_max: 20,
             step: 0.04,
-            gradient_steps: 2,
+            gradient_steps: 1,
             // What lies behind a local solution with half as much squared error again describes
             // another load; where it lies exactly is of no interest either.
             explore_within: 1.5,

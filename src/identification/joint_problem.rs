@@ -10,8 +10,9 @@
 //! Woodbury's identity on the Gram matrices: no extra simulation, and events whose composition
 //! deviates do not bend the shared parameters.
 
+mod linear;
 mod options;
-mod rough;
+mod simulated;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -27,14 +28,12 @@ use crate::{
         Infeasible, LinearCoefficients, MotorCoordinates,
         induction_motor::{Effort, LaneScalar, simulate_batch, simulate_batch_with_slopes},
     },
-    numerics::{
-        Bounds, Expansion, Objective, Scalar, Sensitivities,
-        quadratic_program::{LinearConstraints, QuadraticProgram},
-    },
+    numerics::{Bounds, Expansion, Objective, Scalar, Sensitivities},
 };
 
+use linear::{LinearMatrix, LinearVector, null_space};
 pub use options::ProblemOptions;
-pub(super) use rough::Rough;
+pub(super) use simulated::Simulated;
 
 /// Outer unknowns: ln alpha, ln nu, kappa.
 pub const OUTER: usize = 3;
@@ -157,8 +156,9 @@ impl<'a> JointProblem<'a> {
     ) -> Option<(JointPoint, DVector<f64>)> {
         let sums = self.sensitivity_sums(x)?;
         let (h, g) = self.linear_system(&total(&sums));
-        let gradient = &h * DVector::from_column_slice(&linear) + &g;
+        let gradient = h * LinearVector::from(linear) + g;
         let point = self.point_with(&sums, (&h, &g), linear);
+        let gradient = DVector::from_column_slice(gradient.as_slice());
         point.objective.is_finite().then_some((point, gradient))
     }
 
@@ -338,98 +338,7 @@ impl<'a> JointProblem<'a> {
 
     fn expansions_to(&self, points: &[DVector<f64>], effort: Effort) -> Vec<Option<Expansion>> {
         let points = self.points_to(points, effort).into_iter();
-        let expansion = |point: Option<JointPoint>| {
-            let point = point?;
-            Some(Expansion {
-                value: point.objective,
-                curvature: point.reduced_curvature(),
-                gradient: point.gradient,
-            })
-        };
-        points.map(expansion).collect()
-    }
-
-    fn prior(&self) -> ([f64; LINEAR], [f64; LINEAR]) {
-        let precision = 1.0 / self.options.static_prior_deviation.powi(2);
-        let mut weights = [precision; LINEAR];
-        weights[0] = 0.0; // the motor share has bounds and no prior
-        let middles = [0.0, 0.2, 0.2, 0.2, 0.0];
-        (weights, middles)
-    }
-
-    fn linear_system(&self, sum: &Gram) -> (DMatrix<f64>, DVector<f64>) {
-        let (weights, middles) = self.prior();
-        let h = DMatrix::from_fn(LINEAR, LINEAR, |i, j| {
-            sum[(OUTER + i, OUTER + j)] + if i == j { weights[i] } else { 0.0 }
-        });
-        let g = DVector::from_fn(LINEAR, |i, _| {
-            -sum[(OUTER + i, Y)] - weights[i] * middles[i]
-        });
-        (h, g)
-    }
-
-    fn linear_optimum(&self, h: &DMatrix<f64>, g: &DVector<f64>) -> Option<[f64; LINEAR]> {
-        let mut lower = DVector::from_column_slice(&self.options.linear_lower);
-        if self.options.static_shares.is_some() {
-            lower[0] = lower[0].max(PAPER_MOTOR_SHARE_MIN);
-        }
-        let program = QuadraticProgram {
-            hessian: h.clone(),
-            gradient: g.clone(),
-            bounds: Bounds {
-                lower,
-                upper: DVector::from_column_slice(&self.options.linear_upper),
-            },
-            equalities: LinearConstraints::none(LINEAR),
-            inequalities: self.share_limits(),
-        };
-        // Fails only where the simulation was not finite.
-        let x = program.minimise().ok()?.x;
-        let mut beta = [0.0; LINEAR];
-        beta.copy_from_slice(x.as_slice());
-        Some(beta)
-    }
-
-    /// The box (14) of `P_Z` and `P_P` in the linear coefficients: with `P_ZIP0 = 1 - Kpm`, both
-    /// `c_z` and `1 - Kpm - c_z - c_i` lie between `low P_ZIP0` and `high P_ZIP0`.
-    pub(super) fn share_limits(&self) -> LinearConstraints {
-        let Some((low, high)) = self.options.static_shares else {
-            return LinearConstraints::none(LINEAR);
-        };
-        #[rustfmt::skip]
-        let rows = [
-            -low, -1.0,  0.0, 0.0, 0.0, // low (1 - K) <= c_z
-            high,  1.0,  0.0, 0.0, 0.0, // c_z <= high (1 - K)
-            1.0 - low, 1.0, 1.0, 0.0, 0.0, // low (1 - K) <= c_p
-            high - 1.0, -1.0, -1.0, 0.0, 0.0, // c_p <= high (1 - K)
-        ];
-        LinearConstraints {
-            matrix: DMatrix::from_row_slice(4, LINEAR, &rows),
-            right: DVector::from_vec(vec![-low, high, 1.0 - low, high - 1.0]),
-        }
-    }
-
-    /// Rows of the bounds and limits that hold with equality at `beta`.
-    fn active_rows(&self, beta: &[f64; LINEAR], at_bound: [bool; LINEAR]) -> DMatrix<f64> {
-        let limits = self.share_limits();
-        let x = DVector::from_column_slice(beta);
-        let mut rows: Vec<[f64; LINEAR]> = (0..LINEAR)
-            .filter(|&i| at_bound[i])
-            .map(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }))
-            .collect();
-        for (row, right) in limits.matrix.row_iter().zip(limits.right.iter()) {
-            if (row * &x)[0] >= right - 1e-9 {
-                rows.push(std::array::from_fn(|j| row[j]));
-            }
-        }
-        DMatrix::from_fn(rows.len(), LINEAR, |i, j| rows[i][j])
-    }
-
-    fn objective(&self, sum: &Gram, h: &DMatrix<f64>, g: &DVector<f64>, beta: &[f64]) -> f64 {
-        let x = DVector::from_column_slice(beta);
-        let (weights, middles) = self.prior();
-        let prior: f64 = weights.iter().zip(middles).map(|(w, m)| w * m * m).sum();
-        0.5 * (sum[(Y, Y)] + prior) + 0.5 * (&x.transpose() * h * &x)[0] + g.dot(&x)
+        points.map(|point| Some(point?.expansion())).collect()
     }
 
     fn solve(&self, sums: &[Marginal]) -> Option<JointPoint> {
@@ -441,7 +350,7 @@ impl<'a> JointProblem<'a> {
     fn point_with(
         &self,
         sums: &[Marginal],
-        (h, g): (&DMatrix<f64>, &DVector<f64>),
+        (h, g): (&LinearMatrix, &LinearVector),
         beta: [f64; LINEAR],
     ) -> JointPoint {
         let sum = &total(sums);
@@ -507,6 +416,15 @@ fn residual(beta: &[f64; LINEAR], form: impl Fn(usize) -> f64) -> f64 {
 }
 
 impl JointPoint {
+    /// Value, gradient and curvature of the outer unknowns.
+    fn expansion(&self) -> Expansion {
+        Expansion {
+            value: self.objective,
+            curvature: self.reduced_curvature(),
+            gradient: self.gradient.clone(),
+        }
+    }
+
     /// Curvature of the outer unknowns once the free linear coefficients follow: Schur complement.
     #[must_use]
     pub fn reduced_curvature(&self) -> DMatrix<f64> {
@@ -547,17 +465,6 @@ impl Objective for JointProblem<'_> {
     fn expansions(&self, points: &[DVector<f64>]) -> Vec<Option<Expansion>> {
         self.expansions_to(points, Effort::Exact)
     }
-}
-
-/// Orthonormal basis of the vectors that every row maps to zero.
-fn null_space(rows: &DMatrix<f64>) -> DMatrix<f64> {
-    let eigen = (rows.transpose() * rows).symmetric_eigen();
-    // The rows have entries of order one: an eigenvalue is either that or rounding.
-    let columns: Vec<_> = (0..LINEAR)
-        .filter(|&i| eigen.eigenvalues[i] < 1e-9)
-        .map(|i| eigen.eigenvectors.column(i).into_owned())
-        .collect();
-    DMatrix::from_fn(LINEAR, columns.len(), |i, j| columns[j][i])
 }
 
 /// How the series of a motor become an event's Gram matrix.

@@ -7,7 +7,7 @@ use super::{
     evaluate::FittedModel,
     fit::{FitSolution, SearchOptions},
     intake::PreparedEvent,
-    joint_problem::{JointProblem, LINEAR, OUTER, Rough, motor_coordinates, outer_bounds},
+    joint_problem::{JointProblem, LINEAR, OUTER, Simulated, motor_coordinates, outer_bounds},
     paper_problem::PaperProblem,
 };
 use crate::{
@@ -37,8 +37,8 @@ const PHYSICAL_START: [f64; OUTER] = [3.4, 7.0, 0.4];
 const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
 /// Decreases of the objective, relative and absolute, that are not worth a step before solutions are made
 /// exact: far below what tells two solutions apart.
-const ROUGH_DECREASE: f64 = 1e-6;
-const ROUGH_DECREASE_ABSOLUTE: f64 = 1e-4;
+const ROUGH_DECREASE: f64 = 1e-5;
+const ROUGH_DECREASE_ABSOLUTE: f64 = 1e-3;
 
 /// Two solutions are one when their outer coordinates differ by less than this share of the box.
 const SAME_COORDINATES: f64 = 2e-3;
@@ -68,7 +68,9 @@ pub(super) fn reduced(
         };
         is_same(a, b, &bounds, close)
     };
-    let (rough, for_scan) = (Rough::new(problem), Rough::for_scan(problem));
+    let rough = Simulated::roughly(problem);
+    let for_scan = Simulated::for_scan(problem);
+    let exact = Simulated::exactly(problem);
     let first = scan_starts(
         &for_scan,
         &bounds,
@@ -107,13 +109,11 @@ pub(super) fn reduced(
         cancel,
     );
     let worth = worth_exploring_below(&found.solutions, options.trust_tech.explore_within);
-    let found = made_exact(problem, found, worth, &same, &options.trust_tech, cancel);
+    let found = made_exact(&exact, found, worth, &same, &options.trust_tech, cancel);
     let solution = |found: &FoundSolution| {
-        let point = if found.local.value <= worth {
-            problem.point(&found.local.x)?
-        } else {
-            rough.point(&found.local.x)?
-        };
+        let is_worth = found.local.value <= worth;
+        let simulated = if is_worth { &exact } else { &rough };
+        let point = simulated.point(&found.local.x)?;
         Some(FitSolution {
             found: found.clone(),
             model: fitted_model(problem, &found.local.x, point.linear)?,
@@ -140,7 +140,7 @@ fn roughly(options: &trust_tech::Options) -> trust_tech::Options {
 /// The search's solutions where the exact problem has them: the local solver once more from each whose
 /// objective is at most `worth`. Two that turn out to be one become one.
 fn made_exact(
-    problem: &JointProblem<'_>,
+    exactly: &Simulated<'_, '_>,
     found: Search,
     worth: f64,
     same: &dyn Fn(&LocalSolution, &LocalSolution) -> bool,
@@ -153,7 +153,7 @@ fn made_exact(
         .map(|solution| solution.local.x.clone())
         .collect();
     let polished =
-        local_solver::minimise_all(problem, &outer_bounds(), &starts, &options.local, cancel);
+        local_solver::minimise_all(exactly, &outer_bounds(), &starts, &options.local, cancel);
     let mut polished = polished.into_iter();
     let mut cost = found.cost;
     let mut solutions: Vec<FoundSolution> = Vec::new();

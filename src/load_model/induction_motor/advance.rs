@@ -91,6 +91,10 @@ impl<S: Scalar> Mover<S> {
         self.rate_static
     }
 
+    pub(super) const fn alpha(&self) -> S {
+        self.alpha
+    }
+
     pub(super) const fn tolerance(&self) -> f64 {
         self.tolerance
     }

@@ -7,6 +7,7 @@
 //! motors run alone altogether.
 
 mod side_by_side;
+mod standing;
 mod steps;
 
 use super::{
@@ -143,13 +144,13 @@ fn simulate_batch_with_slopes_on(
     sink: &mut impl BatchSink,
 ) -> Vec<Result<(), Infeasible>> {
     let rough = matches!(effort, Effort::Rough { .. });
-    let mut side_by_side: Vec<(usize, usize)> = Vec::new();
+    let mut members: Vec<usize> = Vec::new();
     let verdicts: Vec<_> = (motors.iter().enumerate())
         .map(|(member, motor)| {
             motor.steady_state()?;
             let parts = parts_per_sample(motor, input.input, effort);
             if rough && parts <= PARTS_MAX {
-                side_by_side.push((parts, member));
+                members.push(member);
             } else {
                 alone(motors, member, input.input, effort, sink);
             }
@@ -157,8 +158,10 @@ fn simulate_batch_with_slopes_on(
         })
         .collect();
     // All in one group, as there are seldom more than registers hold; those of like needs together.
-    side_by_side.sort_unstable();
-    let members: Vec<usize> = side_by_side.iter().map(|(_, member)| *member).collect();
+    members.sort_by(|&i, &j| {
+        let needs = |i: usize| parts_per_sample(&motors[i], input.input, effort);
+        (needs(i).cmp(&needs(j))).then(swing(&motors[i]).total_cmp(&swing(&motors[j])))
+    });
     let group = Members {
         motors,
         indices: &members,
@@ -211,9 +214,11 @@ fn in_groups<A: LaneScalar, K: BatchSink>(
     step_counts.sort_unstable();
     step_counts.dedup();
     for count in step_counts {
-        let members: Vec<usize> = (0..motors.len())
+        let mut members: Vec<usize> = (0..motors.len())
             .filter(|&i| parts[i] == Some(count))
             .collect();
+        // Those that swing fast are those that need parts of a step: in the same registers.
+        members.sort_by(|&i, &j| swing(&motors[i]).total_cmp(&swing(&motors[j])));
         if count > PARTS_MAX {
             for member in members {
                 alone(motors, member, input.input, effort, sink);
@@ -307,6 +312,11 @@ fn parts_per_sample<A: LaneScalar>(
             parts_for_rate(alpha.max(nu.max(0.0).sqrt()), input)
         }
     }
+}
+
+/// What orders motors that take the same steps by how fast they swing.
+fn swing<A: LaneScalar>(motor: &MotorCoordinates<A>) -> f64 {
+    motor.nu_per_s2.value()
 }
 
 fn parts_for_rate(rate: f64, input: &TerminalInput) -> usize {

@@ -56,7 +56,7 @@ pub(super) type Projection<'a> = &'a dyn Fn(&DVector<f64>, &DVector<f64>) -> Opt
 
 /// Points of a path that are evaluated together: a path does not depend on the objective until it
 /// ends, and an objective may take several points at the price of one.
-const POINTS_AHEAD: usize = 8;
+const POINTS_AHEAD: usize = 4;
 
 /// Walks from `start` along `unit` until the objective, `values`, falls.
 ///

@@ -141,12 +141,9 @@ impl Explorer<'_> {
         }
     }
 
-    /// Tier 0: the first start by itself, then the others side by side. Returns a reason to end, if
-    /// there is one already.
+    /// Tier 0. Returns a reason to end, if there is one already.
     fn settle_starts(&mut self, starts: &[DVector<f64>]) -> Option<Ended> {
-        let (first, others) = starts.split_at(starts.len().min(1));
-        let first = (!first.is_empty()).then_some(first);
-        for some in first.into_iter().chain(others.chunks(SIDE_BY_SIDE)) {
+        for some in starts.chunks(SIDE_BY_SIDE) {
             if let Some(ended) = self.interruption() {
                 return Some(ended);
             }

@@ -12,6 +12,7 @@ use super::super::{
 };
 use super::{
     BatchSink, HALVINGS_MAX, LONGER_AFTER, Method, parts_for_rate,
+    standing::Standstill,
     steps::{Part, Step},
 };
 use crate::{load_model::TerminalInput, numerics::Scalar};
@@ -25,10 +26,15 @@ pub(super) struct SideBySide<'a, S: Simd, A: LaneScalar, const W: usize> {
     nu: A::InLanes<S, W>,
     load: A::InLanes<S, W>,
     tolerance: Lanes<S, W>,
+    /// Real part of the flux at rest.
+    rest_real: Lanes<S, W>,
     strength: A::InLanes<S, W>,
     standstill: Lanes<S, W>,
     state: [A::InLanes<S, W>; 3],
     pub(super) standing: Mask<S, W>,
+    at_standstill: Standstill<S, A, W>,
+    /// Speed of the field over a standing rotor, rad/s.
+    sweep: f64,
     /// How often each lane halves a step before it tries it, and how often at least.
     halvings: Lanes<S, W>,
     fewest_halvings: Lanes<S, W>,
@@ -69,10 +75,13 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
             nu: gather(&|lane| motor(lane).nu_per_s2),
             load: rest(1),
             tolerance: numbers(&|lane| movers_of[lane].tolerance()),
+            rest_real: rest(0).part(0),
             strength: gather(&|lane| A::constant(2.0) / motor(lane).kappa),
             standstill: numbers(&|lane| movers_of[lane].standstill()),
             state: [rest(0), rest(1), rest(2)],
             standing: Lanes::splat(simd, 1.0).less_than(Lanes::splat(simd, 0.0)),
+            at_standstill: Standstill::new(simd),
+            sweep: input.synchronous_speed_rad_s.abs(),
             movers,
             halvings: Lanes::splat(simd, 0.0),
             fewest_halvings: Lanes::splat(simd, 0.0),
@@ -89,7 +98,12 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
         let mut lanes = Lanes::splat(simd, 0.0).less_than(Lanes::splat(simd, 1.0));
         let (mut part, mut halvings, mut height) = (&step.part, 0, 0);
         let mut taken;
-        loop {
+        // Over shorter steps the series is as good.
+        let sweeps = part.duration_s * self.sweep > SERIES_REACH;
+        if !M::EXACT && sweeps && !self.standing.none() {
+            lanes = self.stand(part, lanes);
+        }
+        while !lanes.none() {
             let level = Lanes::splat(simd, halvings as f64);
             let mut refused = lanes;
             let waits = level.less_than(self.halvings);
@@ -137,6 +151,18 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
         }
     }
 
+    /// Moves those of the lanes that stand, and keep standing, over a step; returns the others.
+    #[inline(always)]
+    fn stand(&mut self, part: &Part, lanes: Mask<S, W>) -> Mask<S, W> {
+        (self.at_standstill).prepare(self.simd, &self.movers, part.duration_s);
+        let [a, b, _] = self.state;
+        let (end, starts) = (self.at_standstill).moved([a, b], self.load.part(0), part);
+        let moved = lanes.and(self.standing).and_not(starts);
+        self.state[0] = InLanes::select(moved, end[0], a);
+        self.state[1] = InLanes::select(moved, end[1], b);
+        lanes.and_not(moved)
+    }
+
     /// Sets how often at least each lane halves its steps, by its motor's rates at rest.
     #[inline(always)]
     pub(super) fn halve_as_rates_ask(&mut self, input: &TerminalInput, step_s: f64) {
@@ -170,7 +196,11 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
             load: self.load,
         };
         let mut tails = Tails {
-            tolerance: self.tolerance,
+            tolerance: if M::EXACT {
+                self.tolerance
+            } else {
+                self.tolerance_as_it_swings()
+            },
             decay: constants.decay.part(0),
             beyond: now.beyond,
             running: tried,
@@ -198,6 +228,17 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
             InLanes::select(good, speed, s),
         ];
         refused.or(too_long)
+    }
+
+    /// The tolerance relative to the power that a motor draws at the moment, where that is more than at rest: a weakly
+    /// loaded rotor that swings far draws a hundred times as much.
+    #[inline(always)]
+    fn tolerance_as_it_swings(&self) -> Lanes<S, W> {
+        let [a, b, _] = self.state;
+        let (rest_a, rest_b) = (self.rest_real, self.load.part(0));
+        let apart = (a.part(0) - rest_a).abs() + (b.part(0) - rest_b).abs();
+        // Power is flux times the strength; at rest it is one.
+        self.tolerance * (apart * self.strength.part(0) + 1.0)
     }
 
     /// Moves the marked lanes over a piece one by one.
