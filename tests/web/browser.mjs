@@ -127,6 +127,39 @@ async function withoutScripts(paths) {
   await context.close();
 }
 
+// Both twins of every view, numbers behind every chart, and all that can be used within reach of the key Tab.
+async function complete(paths) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+  for (const [name, path] of Object.entries(paths)) {
+    if (name === "refused") continue;
+    const [bare, query] = path.split("?");
+    if (name !== "session") for (const [ending, type] of [[".json", "application/json"], [".csv", "text/csv"]]) {
+      const answer = await fetch(address + bare + ending + (query ? `?${query}` : ""));
+      check(answer.status === 200 && answer.headers.get("content-type").startsWith(type), `${name} has a twin ${ending}`);
+    }
+    const { page } = await visit(context, path);
+    const [drawn, untold] = await page.evaluate(() => {
+      const figures = [...document.querySelectorAll("figure.chart")];
+      return [figures.length, figures.filter((figure) => !figure.querySelector("details table tbody tr td")).map((figure) => figure.id)];
+    });
+    check(untold.length === 0, `${name}: a table of numbers behind each of ${drawn} charts ${untold.join(", ")}`);
+    const wanted = await page.evaluate(() => {
+      const all = [...document.querySelectorAll("a[href], button, input, select, textarea, summary, [tabindex='0']")].filter((e) => e.checkVisibility() && !e.disabled && e.type !== "hidden");
+      all.forEach((element, k) => { element.dataset.stop = k; });
+      return all.length;
+    });
+    const reached = new Set();
+    for (let k = 0; k < wanted + 20 && reached.size < wanted; k++) {
+      await page.keyboard.press("Tab");
+      reached.add(await page.evaluate(() => document.activeElement?.dataset.stop ?? null));
+      reached.delete(null);
+    }
+    check(reached.size === wanted, `${name}: the key Tab reaches ${reached.size} of ${wanted}`);
+    await page.close();
+  }
+  await context.close();
+}
+
 // Whether it becomes true within the time that a page may take: the browser acts on input in its own time.
 async function holds(page, condition, argument) {
   return page.waitForFunction(condition, argument, { timeout: PAGE_LIMIT_MS }).then(() => true, () => false);
@@ -237,6 +270,7 @@ async function addTheEffect(context) {
   await page.goto(`${address}/`);
   let clicks = 0;
   const click = async (locator) => { clicks += 1; await locator.click(); await page.waitForLoadState("load"); };
+  check(await page.getByRole("link", { name: `${site} lacks ${effect.replaceAll("_", " ")}` }).isVisible(), "the list says where to look first");
   await click(page.getByRole("link", { name: site, exact: true }));
   await click(page.getByRole("link", { name: "Diagnosis", exact: true }));
   const answers = (await json(of("diagnosis.json"))).diagnosis.answer_set;
@@ -364,6 +398,7 @@ try {
   await everyScreen(paths);
   await accessible(paths);
   await withoutScripts(paths);
+  await complete(paths);
   await zoom(paths.event);
   await addTheEffect(context);
   await approve(context, 2);

@@ -212,7 +212,7 @@ fn staircase(page: &StructurePage) -> Chart {
 fn steps(page: &StructurePage) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label="Steps" {
-            table.list.cards {
+            table.list.cards.tight {
                 thead { tr {
                     th scope="col" { "Step" } th scope="col" { "Fitted, UTC" } th scope="col" { "Verdict" }
                     th.num scope="col" { "Error / noise, fitted" } th.num scope="col" { "held out" }

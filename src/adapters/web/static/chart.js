@@ -19,16 +19,16 @@ export function upgrade(root) {
   }
 }
 
-// Long lists of numbers come as base64 of 32-bit floats, lowest byte first; a gap is no number.
+function decoded(base64) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(base64);
+  const text = atob(base64), bytes = new Uint8Array(text.length);
+  for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+  return bytes;
+}
+
+// Long lists of numbers come as base64 of 32-bit floats, lowest byte first as in every machine that browsers run on; a gap is no number.
 function unpacked(document) {
-  const list = (packed) => {
-    if (!packed?.f32) return packed;
-    const text = atob(packed.f32), bytes = new Uint8Array(text.length), values = new Float32Array(text.length / 4);
-    for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
-    const view = new DataView(bytes.buffer);
-    for (let k = 0; k < values.length; k++) values[k] = view.getFloat32(4 * k, true);
-    return values;
-  };
+  const list = (packed) => packed?.f32 ? new Float32Array(decoded(packed.f32).buffer) : packed;
   for (const chart of document.charts) {
     chart.x = list(chart.x);
     for (const panel of chart.panels) for (const mark of panel.marks) for (const name of ["x", "y", "low", "high", "shade"]) if (name in mark) mark[name] = list(mark[name]);
@@ -183,6 +183,9 @@ class Chart {
   point(value, pixel, selected) { this.hover = value === null ? null : { value, pixel, selected }; this.cross(); }
 
   cross() {
+    // Nothing is there and nothing is to be: an overlay that was never drawn on costs nothing.
+    if (!this.hover && !this.crossed) return;
+    this.crossed = this.hover !== null;
     const context = this.overlay.getContext("2d"), ratio = window.devicePixelRatio || 1;
     context.setTransform(ratio, 0, 0, ratio, 0, 0); context.clearRect(0, 0, this.overlay.width, this.overlay.height);
     this.readout.hidden = true; if (!this.hover || !this.panels) return;
