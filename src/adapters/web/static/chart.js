@@ -154,7 +154,7 @@ class Chart {
       }
     }
     if (low > high) return panel.vertical;
-    const least = (panel.vertical[1] - panel.vertical[0]) / 20, missing = Math.max(0, least - (high - low)) / 2, margin = 0.06 * (high - low) + missing;
+    const least = (panel.vertical[1] - panel.vertical[0]) / 20, short = Math.max(0, least - (high - low)) / 2, margin = 0.06 * (high - low) + short;
     return [low - margin, high + margin];
   }
 
