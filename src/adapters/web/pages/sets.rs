@@ -351,9 +351,11 @@ impl Sets {
                         @let document = DecisionDocument::from(record);
                         tr {
                             th.time scope="row" { (words::utc(record.decided_ns)) }
-                            td data-label="Decision" { span class={ "chip " (decision_class(document.decision)) } { (document.decision.replace('_', " ")) }
+                            td data-label="Decision" {
+                                @let (class, name) = standing(&document);
+                                span class={ "chip " (class) } { (name) }
                                 @if let Some(version) = document.version { " version " (version) }
-                                @if document.awaiting_approval { " " span.chip.open { "awaits approval" } (self.answers(document.id)) } }
+                                @if document.awaiting_approval { " " (self.answers(document.id)) } }
                             td data-label="Why" { (document.reason) }
                             td data-label="By" {
                                 (words::actor(&document.actor))
@@ -370,10 +372,14 @@ impl Sets {
     }
 }
 
-fn decision_class(decision: &str) -> &'static str {
-    match decision {
-        "publish" => "good",
-        "reject" => "bad",
-        _ => "open",
+/// What has become of a decision: class of its chip, and words.
+fn standing(decision: &DecisionDocument) -> (&'static str, String) {
+    match (&decision.answer, decision.decision) {
+        (Some(answer), _) if answer.approved => ("good", "approved".to_owned()),
+        (Some(_), _) => ("bad", "refused".to_owned()),
+        (None, _) if decision.awaiting_approval => ("open", "awaits approval".to_owned()),
+        (None, "publish") => ("good", "publish".to_owned()),
+        (None, "reject") => ("bad", "reject".to_owned()),
+        (None, other) => ("open", other.replace('_', " ")),
     }
 }
