@@ -10,9 +10,12 @@ use serde_json::{Value, json};
 
 use super::Error;
 use crate::{
-    adapters::effect_files,
+    adapters::{
+        effect_files,
+        http::{effect_document, effect_kind_name},
+    },
     load_model::{
-        effect::{Declaration, Kind, Parameter, Role, Scale, page},
+        effect::page,
         effects,
         user_effects::{EffectFile, Problem},
     },
@@ -99,7 +102,7 @@ fn lines(path: &Path, problems: &[Problem]) -> String {
 fn list(as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
     let declarations = effects::catalogue().iter().map(|e| e.declaration());
     if as_json {
-        let all: Vec<Value> = declarations.map(document).collect();
+        let all: Vec<Value> = declarations.map(effect_document).collect();
         return Ok(writeln!(out, "{}", json!({ "effects": all }))?);
     }
     for d in declarations {
@@ -108,7 +111,7 @@ fn list(as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
             out,
             "{:30} {:10} {}: {}",
             d.name,
-            kind(d.kind),
+            effect_kind_name(d.kind),
             d.title,
             parameters.join(", ")
         )?;
@@ -127,7 +130,7 @@ fn show(name: &str, as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
     };
     let declaration = effect.declaration();
     if as_json {
-        return Ok(writeln!(out, "{}", document(declaration))?);
+        return Ok(writeln!(out, "{}", effect_document(declaration))?);
     }
     Ok(write!(out, "{}", page(declaration, declaration.title))?)
 }
@@ -183,78 +186,6 @@ fn problem(problem: &Problem) -> Value {
         "column": problem.column,
         "message": problem.message,
         "cure": problem.cure,
-    })
-}
-
-const fn kind(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Physics => "physics",
-        Kind::Instrument => "instrument",
-    }
-}
-
-/// A declaration as a document.
-fn document(d: &Declaration) -> Value {
-    let states: Vec<Value> = d
-        .states
-        .iter()
-        .map(|s| json!({"name": s.name, "unit": s.unit}))
-        .collect();
-    let excludes: Vec<Value> = d
-        .excludes
-        .iter()
-        .map(|e| json!({"other": e.other, "reason": e.reason}))
-        .collect();
-    json!({
-        "name": d.name,
-        "title": d.title,
-        "kind": kind(d.kind),
-        "version": d.version,
-        "from_file": effects::is_registered(d.name),
-        "parameters": d.parameters.iter().map(parameter).collect::<Vec<_>>(),
-        "states": states,
-        "excludes": excludes,
-        "resembles": d.resembles,
-        "needs": {
-            "frequency": d.needs.frequency,
-            "voltage_below": d.needs.voltage_below,
-            "voltage_above": d.needs.voltage_above,
-            "frequency_deviation": d.needs.frequency_deviation,
-            "window_s": d.needs.window_s,
-            "rate_fps": d.needs.rate_fps,
-            "separating_event": d.needs.separating_event,
-        },
-        "source": d.source,
-    })
-}
-
-fn parameter(p: &Parameter) -> Value {
-    let (role, meaningful) = match p.role {
-        Role::OneSidedAmplitude { meaningful } => ("one_sided", Some(meaningful)),
-        Role::TwoSidedAmplitude { meaningful } => ("two_sided", Some(meaningful)),
-        Role::Shape => ("shape", None),
-        Role::Shared => ("shared", None),
-        Role::Base => ("base", None),
-    };
-    // JSON has no infinity: a prior that says nothing is null.
-    let prior = p.prior.deviation.is_finite().then(|| {
-        let scale = match p.prior.scale {
-            Scale::Linear => "linear",
-            Scale::Logarithmic => "logarithmic",
-        };
-        json!({"centre": p.prior.centre, "deviation": p.prior.deviation, "scale": scale})
-    });
-    json!({
-        "name": p.name,
-        "symbol": p.symbol,
-        "unit": p.unit,
-        "role": role,
-        "meaningful": meaningful,
-        "lower": p.lower,
-        "upper": p.upper,
-        "neutral": p.neutral,
-        "typical": p.typical,
-        "prior": prior,
     })
 }
 

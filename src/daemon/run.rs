@@ -251,7 +251,7 @@ async fn open_store(
 pub(super) struct Web {
     address: SocketAddr,
     stop: CancellationToken,
-    task: JoinHandle<io::Result<()>>,
+    task: JoinHandle<()>,
 }
 
 impl Web {

@@ -314,6 +314,12 @@ pub const SET_ACTIONS: Declaration = counter(
     &["action"],
     "What people did with parameter sets: approve, refuse, roll_back.",
 );
+/// Connections that waited for a place.
+pub const HTTP_CONNECTIONS_DELAYED: Declaration = counter(
+    "loadmodeld_http_connections_delayed_total",
+    &[],
+    "HTTP connections that waited for a place because as many as are allowed were open.",
+);
 /// Failures of publishing.
 pub const PUBLISH_ERRORS: Declaration = counter(
     "loadmodeld_publish_errors_total",
@@ -401,6 +407,7 @@ pub const CATALOGUE: &[Declaration] = &[
     DIAGNOSIS_SECONDS,
     STRUCTURE_CHANGES,
     SET_ACTIONS,
+    HTTP_CONNECTIONS_DELAYED,
     PUBLISH_ERRORS,
     QUERIES,
     STORE_ERRORS,

@@ -1,6 +1,6 @@
 //! Start, stop and the state of the loop.
 
-use tracing::{error, info};
+use tracing::{debug, error, info};
 
 use super::{Metrics, Occurrence, catalogue, intake::seconds};
 
@@ -18,6 +18,17 @@ pub struct ServiceReady {
 impl Occurrence for ServiceReady {
     fn emit(&self, _metrics: &Metrics) {
         info!(instance = self.instance, zenoh = ?self.zenoh, http = self.http, "ready");
+    }
+}
+
+/// A connection waited until another one ended, because as many as are allowed were open.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ConnectionWaited;
+
+impl Occurrence for ConnectionWaited {
+    fn emit(&self, metrics: &Metrics) {
+        metrics.add(&catalogue::HTTP_CONNECTIONS_DELAYED, &[], 1);
+        debug!("an HTTP connection waited until another one ended");
     }
 }
 

@@ -27,7 +27,7 @@ function check(good, what) {
 
 mkdirSync(shots, { recursive: true });
 const begun = Date.now();
-const daemon = await start(program, place);
+const daemon = await start(program, place, { approval: true });
 const { address } = daemon;
 const browser = await chromium.launch({
   executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
@@ -127,6 +127,39 @@ async function withoutScripts(paths) {
   await context.close();
 }
 
+// Both twins of every view, numbers behind every chart, and all that can be used within reach of the key Tab.
+async function complete(paths) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+  for (const [name, path] of Object.entries(paths)) {
+    if (name === "refused") continue;
+    const [bare, query] = path.split("?");
+    if (name !== "session") for (const [ending, type] of [[".json", "application/json"], [".csv", "text/csv"]]) {
+      const answer = await fetch(address + bare + ending + (query ? `?${query}` : ""));
+      check(answer.status === 200 && answer.headers.get("content-type").startsWith(type), `${name} has a twin ${ending}`);
+    }
+    const { page } = await visit(context, path);
+    const [drawn, untold] = await page.evaluate(() => {
+      const figures = [...document.querySelectorAll("figure.chart")];
+      return [figures.length, figures.filter((figure) => !figure.querySelector("details table tbody tr td")).map((figure) => figure.id)];
+    });
+    check(untold.length === 0, `${name}: a table of numbers behind each of ${drawn} charts ${untold.join(", ")}`);
+    const wanted = await page.evaluate(() => {
+      const all = [...document.querySelectorAll("a[href], button, input, select, textarea, summary, [tabindex='0']")].filter((e) => e.checkVisibility() && !e.disabled && e.type !== "hidden");
+      all.forEach((element, k) => { element.dataset.stop = k; });
+      return all.length;
+    });
+    const reached = new Set();
+    for (let k = 0; k < wanted + 20 && reached.size < wanted; k++) {
+      await page.keyboard.press("Tab");
+      reached.add(await page.evaluate(() => document.activeElement?.dataset.stop ?? null));
+      reached.delete(null);
+    }
+    check(reached.size === wanted, `${name}: the key Tab reaches ${reached.size} of ${wanted}`);
+    await page.close();
+  }
+  await context.close();
+}
+
 // Whether it becomes true within the time that a page may take: the browser acts on input in its own time.
 async function holds(page, condition, argument) {
   return page.waitForFunction(condition, argument, { timeout: PAGE_LIMIT_MS }).then(() => true, () => false);
@@ -139,14 +172,13 @@ async function zoom(path) {
   const canvas = page.locator("#over-time canvas").first();
   await canvas.scrollIntoViewIfNeeded();
   const box = await canvas.boundingBox();
-  const picture = () => page.evaluate(() => document.querySelector("#over-time canvas").toDataURL());
-  const before = await picture();
+  const before = await page.evaluate(() => document.querySelector("#over-time canvas").toDataURL());
   await page.mouse.move(box.x + 150, box.y + 60);
   await page.mouse.down();
   await page.mouse.move(box.x + 320, box.y + 60, { steps: 4 });
   await page.mouse.up();
   check(await holds(page, () => location.hash.startsWith("#time=")), "a stretch drawn by the mouse is shown, and the address says so");
-  check((await picture()) !== before, "all panels are drawn anew");
+  check(await holds(page, (earlier) => document.querySelector("#over-time canvas").toDataURL() !== earlier, before), "all panels are drawn anew");
   await page.mouse.move(box.x + 400, box.y + 60);
   check(await page.locator("#over-time .readout").isVisible(), "values are told under the pointer");
   const hash = await page.evaluate(() => location.hash);
@@ -192,6 +224,11 @@ async function refusals(event) {
     [await fetch(address + of("compare?event=a")), 400, "one event to compare"],
     [await fetch(address + of("events?sort=colour")), 400, "a column that is not there"],
     [await fetch(address + "/elsewhere"), 404, "an address that leads nowhere"],
+    [await fetch(address + "/sites?sort=colour"), 400, "an order that is not there"],
+    [await fetch(address + of("events?page=0")), 400, "a page before the first"],
+    [await fetch(address + of("events/" + "x".repeat(5000))), 404, "an event with a name of 5,000 letters"],
+    [await fetch(address + "/api/v1/sites/substation/sets/first"), 400, "a version of the API that is no number"],
+    [await fetch(address + "/api/v1/events?before_ns=x"), 400, "a time of the API that is no number"],
     [await fetch(address + of("diagnosis?with=magic")), 404, "an effect that was not tried"],
     [await fetch(address + of("diagnosis?event=nothing")), 404, "an event that was not diagnosed"],
     [await post("/session", words("token=wrong"), own), 403, "a wrong token"],
@@ -233,6 +270,7 @@ async function addTheEffect(context) {
   await page.goto(`${address}/`);
   let clicks = 0;
   const click = async (locator) => { clicks += 1; await locator.click(); await page.waitForLoadState("load"); };
+  check(await page.getByRole("link", { name: `${site} lacks ${effect.replaceAll("_", " ")}` }).isVisible(), "the list says where to look first");
   await click(page.getByRole("link", { name: site, exact: true }));
   await click(page.getByRole("link", { name: "Diagnosis", exact: true }));
   const answers = (await json(of("diagnosis.json"))).diagnosis.answer_set;
@@ -311,8 +349,24 @@ async function sendRecording(context, event) {
   await page.close();
 }
 
+// A set that passed waits for a person: whoever has the token approves it by the page's button.
+async function approve(context, version) {
+  const waiting = (list) => list.decisions.find((decision) => decision.awaiting_approval);
+  await until("a set that waits for approval", async () => waiting(await json(of("sets.json"))));
+  const page = await context.newPage();
+  await page.goto(address + of("sets"));
+  check(await page.getByText("awaits approval").first().isVisible(), `version ${version} is not in force before somebody approves it`);
+  await page.screenshot({ path: join(shots, `sets-awaiting-${version}.png`), fullPage: true });
+  await page.getByLabel("Comment").first().fill("looked at in the browser test");
+  await page.getByRole("button", { name: "Approve" }).first().click();
+  await page.waitForLoadState("load");
+  const sets = await json(of("sets.json"));
+  check(sets.in_force === version && !waiting(sets), `it is approved by its button: version ${sets.in_force} is in force`);
+  check((await page.locator("main").innerText()).includes("looked at in the browser test"), "and the page tells by whom and why");
+  await page.close();
+}
+
 async function rollBack(context) {
-  await until("a second version", async () => (await json(of("sets.json"))).in_force === 2);
   const page = await context.newPage();
   await page.goto(address + of("sets"));
   await page.screenshot({ path: join(shots, "sets-two.png"), fullPage: true });
@@ -327,6 +381,9 @@ try {
   await until("a joint fit", async () => (await json(of("structure.json")))?.steps.length > 0);
   await until("a diagnosis", async () => (await json(of("diagnosis.json")))?.diagnosis);
   console.log(`fitted and diagnosed after ${((Date.now() - begun) / 1000).toFixed(0)} s`);
+  const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
+  await unlock(context);
+  await approve(context, 1);
   const { events } = await json(of("events.json"));
   const depth = (row) => row.event.lowest_voltage_pu ?? 9;
   const event = [...events].sort((a, b) => depth(a) - depth(b))[0].event.event;
@@ -341,10 +398,10 @@ try {
   await everyScreen(paths);
   await accessible(paths);
   await withoutScripts(paths);
+  await complete(paths);
   await zoom(paths.event);
-  const context = await browser.newContext({ viewport: { width: 1280, height: 900 } });
-  await unlock(context);
   await addTheEffect(context);
+  await approve(context, 2);
   await sendRecording(context, event);
   await rollBack(context);
 } catch (error) {

@@ -232,7 +232,8 @@ impl FromRequestParts<Arc<Context>> for Admitted {
     }
 }
 
-fn refused(refusal: Refusal) -> Response {
+/// The answer to a program that may not act.
+pub(in crate::adapters) fn refused(refusal: Refusal) -> Response {
     let status = match refusal {
         Refusal::ReadOnly | Refusal::OtherOrigin => StatusCode::FORBIDDEN,
         Refusal::NoToken | Refusal::WrongToken => StatusCode::UNAUTHORIZED,

@@ -15,11 +15,15 @@ use serde_json::{Value, json};
 use super::{
     Context,
     documents::{
-        DecisionDocument, DiagnosisDocument, EventDocument, SetDocument, SiteDocument,
+        DecisionDocument, DiagnosisDocument, EventDocument, FitDocument, SetDocument, SiteDocument,
         StructureDocument,
     },
+    effects::effect_document,
 };
-use crate::adapters::store::{Store, StoreError, WindowQuery};
+use crate::{
+    adapters::store::{FitId, JobKind, Store, StoreError, WindowQuery},
+    load_model::effects as catalogue,
+};
 
 pub(super) fn routes() -> Router<Arc<Context>> {
     Router::new()
@@ -36,6 +40,10 @@ pub(super) fn routes() -> Router<Arc<Context>> {
         )
         .route("/api/v1/sites/{site}/diagnoses/{version}", get(diagnosis))
         .route("/api/v1/sites/{site}/structure", get(structure))
+        .route("/api/v1/sites/{site}/fits", get(fits))
+        .route("/api/v1/sites/{site}/fits/{id}", get(fit))
+        .route("/api/v1/effects", get(effects))
+        .route("/api/v1/effects/{name}", get(effect))
 }
 
 #[derive(Debug, Deserialize)]
@@ -125,6 +133,69 @@ async fn structure(State(context): State<Arc<Context>>, Path(site): Path<String>
 }
 
 /// Asks the store on a thread that may block.
+#[derive(Debug, Default, Deserialize)]
+struct FitsQuery {
+    /// `joint`, the default, or `single`: fits of one event alone.
+    #[serde(default)]
+    kind: FitKind,
+}
+
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum FitKind {
+    #[default]
+    Joint,
+    Single,
+}
+
+async fn fits(
+    State(context): State<Arc<Context>>,
+    Path(site): Path<String>,
+    Query(query): Query<FitsQuery>,
+) -> Response {
+    let kind = match query.kind {
+        FitKind::Joint => JobKind::IdentifySite,
+        FitKind::Single => JobKind::IdentifyEvent,
+    };
+    let found = ask(&context, move |store, count_max| {
+        store.fits(&site, kind, count_max)
+    });
+    list(found.await, |fit| json!(FitDocument::from(fit)))
+}
+
+async fn fit(
+    State(context): State<Arc<Context>>,
+    Path((site, id)): Path<(String, i64)>,
+) -> Response {
+    let subject = format!("document of fit {id} of `{site}`");
+    let found = ask(&context, move |store, _| store.fit(FitId(id))).await;
+    let of_site = found.map(|found| found.filter(|fit| fit.site == site));
+    document(
+        of_site.map(|found| found.and_then(|fit| fit.document)),
+        &subject,
+    )
+}
+
+async fn effects() -> Response {
+    let all: Vec<Value> = catalogue::catalogue()
+        .iter()
+        .map(|effect| effect_document(effect.declaration()))
+        .collect();
+    Json(json!({ "effects": all })).into_response()
+}
+
+async fn effect(Path(name): Path<String>) -> Response {
+    catalogue::find(&name).map_or_else(
+        || {
+            problem(
+                StatusCode::NOT_FOUND,
+                &format!("there is no effect `{name}`"),
+            )
+        },
+        |effect| Json(effect_document(effect.declaration())).into_response(),
+    )
+}
+
 pub(super) async fn ask<T: Send + 'static>(
     context: &Arc<Context>,
     question: impl FnOnce(&dyn Store, usize) -> Result<T, StoreError> + Send + 'static,

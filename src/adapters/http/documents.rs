@@ -4,8 +4,11 @@ use serde::Serialize;
 
 use crate::{
     adapters::{
-        store::{DecisionRecord, StoredDiagnosis, StoredSet, StructureRecord, WindowSummary},
-        wire::v1::{ScreeningV1, closing_name, rfc3339, trigger_name},
+        store::{
+            Answer, DecisionRecord, JobKind, StoredDiagnosis, StoredFit, StoredSet,
+            StructureRecord, WindowSummary,
+        },
+        wire::v1::{ScreeningV1, closing_name, rfc3339, trigger_name, verdict_status_name},
     },
     identification::Decision,
     measurement::Site,
@@ -66,6 +69,42 @@ pub struct SetDocument {
     pub published_utc: Option<String>,
 }
 
+/// A fit, without its content.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FitDocument {
+    /// Number.
+    pub id: i64,
+    /// Site.
+    pub site: String,
+    /// The event of a fit of one event alone; null for a joint fit.
+    pub event: Option<String>,
+    /// Names of the parts of the model.
+    pub structure: Vec<String>,
+    /// Verdict of validation.
+    pub verdict: &'static str,
+    /// Hash of the parameter set's content.
+    pub content_hash: String,
+    /// When it was stored, RFC 3339.
+    pub stored_utc: String,
+    /// Whether the whole fit is still kept.
+    pub has_document: bool,
+}
+
+impl From<&StoredFit> for FitDocument {
+    fn from(fit: &StoredFit) -> Self {
+        Self {
+            id: fit.id.0,
+            site: fit.site.clone(),
+            event: (fit.kind == JobKind::IdentifyEvent).then(|| fit.subject.clone()),
+            structure: fit.structure.clone(),
+            verdict: verdict_status_name(fit.verdict),
+            content_hash: fit.content_hash.clone(),
+            stored_utc: rfc3339(fit.stored_ns),
+            has_document: fit.document.is_some(),
+        }
+    }
+}
+
 /// A decision.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DecisionDocument {
@@ -85,6 +124,32 @@ pub struct DecisionDocument {
     pub actor: String,
     /// When, RFC 3339.
     pub decided_utc: String,
+    /// What a person answered; null where nobody was asked or has answered yet.
+    pub answer: Option<AnswerDocument>,
+}
+
+/// A person's answer to a decision.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct AnswerDocument {
+    /// Whether the set is to be published.
+    pub approved: bool,
+    /// Who.
+    pub actor: String,
+    /// Why; may be empty.
+    pub comment: String,
+    /// When, RFC 3339.
+    pub answered_utc: String,
+}
+
+impl From<&Answer> for AnswerDocument {
+    fn from(answer: &Answer) -> Self {
+        Self {
+            approved: answer.approved,
+            actor: answer.actor.clone(),
+            comment: answer.comment.clone(),
+            answered_utc: rfc3339(answer.answered_ns),
+        }
+    }
 }
 
 /// A diagnosis, without its content.
@@ -216,6 +281,7 @@ impl From<&DecisionRecord> for DecisionDocument {
             awaiting_approval: record.awaiting_approval,
             actor: record.actor.clone(),
             decided_utc: rfc3339(record.decided_ns),
+            answer: record.answer.as_ref().map(AnswerDocument::from),
         }
     }
 }

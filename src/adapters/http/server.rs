@@ -12,7 +12,11 @@ use axum::{
 };
 use tokio::net::TcpListener;
 
-use super::{Actions, Health, actions, api, draining::drained};
+use super::{
+    Actions, Health, actions, api,
+    connections::{self, Limits},
+    draining::drained,
+};
 use crate::{
     adapters::{prometheus, store::Store, web},
     telemetry::Metrics,
@@ -48,18 +52,13 @@ pub async fn bind(address: SocketAddr) -> io::Result<(TcpListener, SocketAddr)> 
 }
 
 /// Serves until `stop` is ready.
-///
-/// # Errors
-///
-/// When the listener fails.
 pub async fn serve(
     listener: TcpListener,
     context: Arc<Context>,
     stop: impl Future<Output = ()> + Send + 'static,
-) -> io::Result<()> {
-    axum::serve(listener, router(context))
-        .with_graceful_shutdown(stop)
-        .await
+) {
+    let metrics = Arc::clone(&context.metrics);
+    connections::serve(listener, router(context), &metrics, Limits::default(), stop).await;
 }
 
 fn router(context: Arc<Context>) -> Router {
@@ -71,6 +70,7 @@ fn router(context: Arc<Context>) -> Router {
         .merge(actions::routes())
         .with_state(Arc::clone(&context))
         .merge(web::router(context))
+        .layer(middleware::from_fn(web::in_words))
         .layer(middleware::from_fn(drained))
         .layer(middleware::from_fn(with_headers))
 }

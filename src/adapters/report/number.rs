@@ -13,7 +13,7 @@ pub(in crate::adapters) fn significant(value: f64, digits: usize) -> String {
     }
     let magnitude = value.abs().log10().floor();
     if !(-4.0..6.0).contains(&magnitude) {
-        return format!("{value:.*e}", digits.saturating_sub(1));
+        return format!("{value:.*e}", digits.saturating_sub(1)).replace('-', "\u{2212}");
     }
     fixed(value, decimals_for(magnitude, digits))
 }
@@ -67,7 +67,7 @@ mod tests {
         assert_eq!(significant(0.012_345, 3), "0.0123");
         assert_eq!(significant(1234.6, 3), "1235");
         assert_eq!(significant(-0.5, 2), "\u{2212}0.50");
-        assert_eq!(significant(1.5e-7, 2), "1.5e-7");
+        assert_eq!(significant(-1.5e-7, 2), "\u{2212}1.5e\u{2212}7");
         assert_eq!(significant(f64::NAN, 3), ABSENT);
     }
 

@@ -19,8 +19,9 @@ pub use history::{
     NewDiagnosis, NewStructure, Origin, RollBack, StoredDiagnosis, StructureChange, StructureRecord,
 };
 pub use records::{
-    Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId, Job,
-    JobFailure, JobId, JobKind, JobState, Keep, Lease, LeaseAnswer, NewDecision, NewFit, NewJob,
-    Pruned, Saved, StoreCounts, StoredFit, StoredSet, WindowQuery, WindowSummary, WindowTally,
+    Answer, Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId,
+    Job, JobFailure, JobId, JobKind, JobState, Keep, Lease, LeaseAnswer, NewDecision, NewFit,
+    NewJob, Pruned, Saved, StoreCounts, StoredFit, StoredSet, WindowQuery, WindowSummary,
+    WindowTally,
 };
 pub use sqlite::{SqliteOptions, SqliteStore};

@@ -383,6 +383,21 @@ pub struct DecisionRecord {
     pub actor: String,
     /// When, UTC nanoseconds.
     pub decided_ns: i64,
+    /// What a person answered where one was asked.
+    pub answer: Option<Answer>,
+}
+
+/// What a person answered to a decision that waited.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// Whether the set is to be published.
+    pub approved: bool,
+    /// Who.
+    pub actor: String,
+    /// Why; may be empty.
+    pub comment: String,
+    /// When, UTC nanoseconds.
+    pub answered_ns: i64,
 }
 
 /// A version of a parameter set.

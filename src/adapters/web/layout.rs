@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::{
     assets,
     desk::Desk,
+    plot,
     problem::Problem,
     view::{Form, Page},
     words,
@@ -136,19 +137,33 @@ pub(super) fn page<P: Page>(page: &P, uri: &Uri) -> Markup {
         a href={ (path) ".json" (query) } { "JSON" } " or "
         a href={ (path) ".csv" (query) } { "CSV" } ". "
     };
+    let numbers = format!("{path}.charts.json{query}");
     let body = html! {
         @if let Some((head, tab)) = page.place() { (site_head(head, tab)) }
-        (page.body(&format!("{path}.charts.json{query}")))
+        (page.body(&numbers))
     };
-    document(&page.title(), page.live().as_deref(), &body, &twins)
+    let links = Links {
+        live: page.live(),
+        numbers: plot::has_figure(&body).then_some(numbers),
+    };
+    document(&page.title(), &links, &body, &twins)
+}
+
+/// What the scripts of a page will ask for.
+#[derive(Debug, Default)]
+struct Links {
+    /// Live updates.
+    live: Option<String>,
+    /// The numbers of its charts.
+    numbers: Option<String>,
 }
 
 /// A page without twins: an error.
 pub(super) fn plain(title: &str, body: &Markup) -> Markup {
-    document(title, None, body, &html! {})
+    document(title, &Links::default(), body, &html! {})
 }
 
-fn document(title: &str, live: Option<&str>, body: &Markup, twins: &Markup) -> Markup {
+fn document(title: &str, links: &Links, body: &Markup, twins: &Markup) -> Markup {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -161,8 +176,11 @@ fn document(title: &str, live: Option<&str>, body: &Markup, twins: &Markup) -> M
                 link rel="stylesheet" href=(assets::address("app.css"));
                 script src=(assets::address("theme.js")) {}
                 script type="module" src=(assets::address("app.js")) {}
+                // Asked for at once and not one after the other, each when the one before it has been read.
+                @for module in ["chart.js", "draw.js"] { link rel="modulepreload" href=(assets::address(module)); }
+                @if let Some(numbers) = &links.numbers { link rel="preload" as="fetch" crossorigin="anonymous" href=(numbers); }
             }
-            body data-live=[live] {
+            body data-live=[&links.live] {
                 a.skip href="#content" { "Skip to the content" }
                 header.top {
                     a.brand href="/" { "loadmodeld" }

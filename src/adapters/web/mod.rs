@@ -25,4 +25,4 @@ mod uploads;
 mod view;
 mod words;
 
-pub(super) use routes::router;
+pub(super) use routes::{in_words, router};

@@ -61,6 +61,24 @@ mod tests {
         assert!(count > 12, "only {count} routes were found in the sources");
     }
 
+    #[test]
+    fn both_twins_of_every_page_are_documented() {
+        let documented = documented();
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/adapters/web/routes.rs");
+        let text = fs::read_to_string(path).unwrap();
+        let (_, pages) = text.split_once("for (path, page) in [").unwrap();
+        let (pages, _) = pages.split_once("] {").unwrap();
+        let pages: Vec<&str> = pages.split('"').skip(1).step_by(2).collect();
+        assert!(pages.len() > 8, "only {pages:?} were found in the sources");
+        for page in pages {
+            for ending in [".json", ".csv"] {
+                let twin = format!("{page}{ending}");
+                let known = documented.contains(&("get".to_owned(), twin.clone()));
+                assert!(known, "{twin} is not in docs/openapi.json");
+            }
+        }
+    }
+
     #[tokio::test]
     async fn everything_documented_is_there() {
         let server = Server::start().await;
@@ -70,6 +88,7 @@ mod tests {
                 .replace("{site}", "site-01")
                 .replace("{event}", &server.event)
                 .replace("{version}", "1")
+                .replace("{name}", "exponential_recovery")
                 .replace("{id}", "1");
             let answer = server.ask(&method.to_uppercase(), &address, &[], "").await;
             // A path that leads nowhere is told by these words; one that leads to nothing stored

@@ -39,15 +39,14 @@ pub(super) type Pages = Router<Arc<Desk>>;
 pub(in crate::adapters) fn router(context: Arc<Context>) -> Router {
     let desk = Arc::new(Desk::new(context));
     pages()
+        .route("/session", get(session::ask).post(session::open))
         .layer(middleware::from_fn(within_limit))
         .route("/sites/{site}/updates", get(updates::stream))
         .route("/updates", get(updates::stream_of_all))
         .route("/api/v1/openapi.json", get(openapi::document))
-        .route("/session", get(session::ask).post(session::open))
         .route("/static/{mark}/{name}", get(assets::serve))
         .fallback(unknown)
         .layer(DefaultBodyLimit::max(BODY_BYTES_MAX))
-        .layer(middleware::from_fn(in_words))
         .with_state(desk)
 }
 
@@ -65,6 +64,11 @@ fn pages() -> Pages {
         .route(
             "/sites/{site}/recordings",
             post(recordings::take).layer(DefaultBodyLimit::max(recordings::FILES_BYTES_MAX)),
+        )
+        .route(
+            "/api/v1/sites/{site}/recordings",
+            post(recordings::take_from_program)
+                .layer(DefaultBodyLimit::max(recordings::FILES_BYTES_MAX)),
         )
         .route("/sites/{site}/structure", post(structure::change))
         .route(
@@ -123,7 +127,7 @@ async fn unknown(uri: Uri) -> Response {
 }
 
 /// A refusal that the framework words by itself becomes a page, or JSON where that was asked for.
-async fn in_words(request: Request, next: Next) -> Response {
+pub(in crate::adapters) async fn in_words(request: Request, next: Next) -> Response {
     let (_, form) = Form::of(request.uri().path());
     let method = request.method().clone();
     let response = next.run(request).await;

@@ -74,9 +74,7 @@ impl Server {
             .await
             .unwrap();
         let task = tokio::spawn(async move {
-            http::serve(listener, context, std::future::pending())
-                .await
-                .unwrap();
+            http::serve(listener, context, std::future::pending()).await;
         });
         Self {
             address,

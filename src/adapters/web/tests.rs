@@ -263,3 +263,86 @@ async fn updates_tell_what_is_newest() {
     );
     assert_eq!(server.get("/sites/nowhere/updates").await.status, 404);
 }
+
+const COMMA_SEPARATED: &str = "time_s,v_pu,freq_hz,p_pu,q_pu";
+
+/// A form with a recording of `rows` samples of one dip.
+fn recording(rows: usize) -> String {
+    let row = |k: usize| {
+        let voltage = if k > 60 { 0.9 } else { 1.0 };
+        format!("{:.4},{voltage},60,0.8,0.2\n", k as f64 / 60.0)
+    };
+    let file: String = (0..rows).map(row).collect();
+    format!(
+        "--b\r\ncontent-disposition: form-data; name=\"files\"; filename=\"dip.csv\"\r\n\r\n\
+         {COMMA_SEPARATED}\n{file}\r\n--b--\r\n"
+    )
+}
+
+#[tokio::test]
+async fn a_program_with_the_token_sends_a_recording() {
+    let server = Server::start().await;
+    let path = "/api/v1/sites/site-01/recordings";
+    let form = ("Content-Type", "multipart/form-data; boundary=b");
+    let bearer = format!("Bearer {TOKEN}");
+    let token = ("Authorization", bearer.as_str());
+    let refused = server.ask("POST", path, &[form], &recording(200)).await;
+    assert_eq!(refused.status, 401, "{}", refused.body);
+    let foreign = [form, token, ("Origin", "http://evil.example")];
+    let refused = server.ask("POST", path, &foreign, &recording(200)).await;
+    assert_eq!(refused.status, 403, "{}", refused.body);
+    let unfit = server
+        .ask("POST", path, &[form, token], &recording(1))
+        .await;
+    assert_eq!(unfit.status, 400, "{}", unfit.body);
+    let error: Value = serde_json::from_str(&unfit.body).unwrap();
+    assert!(error["error"].is_string());
+    let taken = server
+        .ask("POST", path, &[form, token], &recording(200))
+        .await;
+    assert_eq!(taken.status, 201, "{}", taken.body);
+    let said: Value = serde_json::from_str(&taken.body).unwrap();
+    let comparison = server.get(said["comparison"].as_str().unwrap()).await;
+    assert_eq!(comparison.status, 200, "{}", comparison.body);
+    let location = taken
+        .head
+        .lines()
+        .find_map(|line| line.strip_prefix("location: "));
+    assert_eq!(server.get(location.unwrap()).await.status, 200);
+}
+
+#[tokio::test]
+async fn the_interface_for_programs_refuses_in_its_own_form() {
+    let server = Server::start().await;
+    for (path, status) in [
+        ("/api/v1/events?before_ns=yesterday", 400),
+        ("/api/v1/sites/site-01/sets/first", 400),
+        ("/api/v1/sites/site-01/fits?kind=other", 400),
+        ("/api/v1/sites/site-01/fits/7", 404),
+        ("/api/v1/sites/%ff/sets", 400),
+        ("/api/v1/effects/magic", 404),
+        ("/api/v1/nothing", 404),
+    ] {
+        let answer = server.get(path).await;
+        assert_eq!(answer.status, status, "{path}: {}", answer.body);
+        let said: Value = serde_json::from_str(&answer.body).expect(path);
+        assert!(said["error"].is_string(), "{path}: {}", answer.body);
+    }
+    let all = server.get("/api/v1/effects").await;
+    let all: Value = serde_json::from_str(&all.body).unwrap();
+    assert!(all["effects"].as_array().unwrap().len() > 20);
+    let one = server.get("/api/v1/effects/exponential_recovery").await;
+    let one: Value = serde_json::from_str(&one.body).unwrap();
+    assert!(one["parameters"].is_array());
+}
+
+#[tokio::test]
+async fn a_list_says_how_many_there_are_though_it_reads_one_page() {
+    let server = Server::start().await;
+    let page = server.get("/sites/site-01/events").await.body;
+    assert!(page.contains("1 of 1 events"), "{page}");
+    let beyond = server.get("/sites/site-01/events?page=2").await;
+    assert_eq!(beyond.status, 200);
+    let refused = server.get("/sites/site-01/events?page=0").await;
+    assert_eq!(refused.status, 400);
+}

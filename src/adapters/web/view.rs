@@ -29,7 +29,9 @@ pub(super) enum Form {
 impl Form {
     /// A path without its ending, and the form that the ending says.
     pub(super) fn of(path: &str) -> (&str, Self) {
-        if let Some(path) = path.strip_suffix(".charts.json") {
+        if path.starts_with("/api/") {
+            (path, Self::Json)
+        } else if let Some(path) = path.strip_suffix(".charts.json") {
             (path, Self::Charts)
         } else if let Some(path) = path.strip_suffix(".json") {
             (path, Self::Json)
@@ -153,5 +155,7 @@ mod tests {
             ("/sites/a/events", Form::Csv)
         );
         assert_eq!(Form::of("/sites/a.b"), ("/sites/a.b", Form::Html));
+        let path = "/api/v1/sites/a.csv";
+        assert_eq!(Form::of(path), (path, Form::Json));
     }
 }

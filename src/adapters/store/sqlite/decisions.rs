@@ -11,7 +11,8 @@ use super::{
 use crate::{
     adapters::{
         store::{
-            Approval, CommittedDecision, DecisionId, DecisionRecord, FitId, NewDecision, Saved,
+            Answer, Approval, CommittedDecision, DecisionId, DecisionRecord, FitId, NewDecision,
+            Saved,
         },
         wire::{
             DocumentError,
@@ -22,7 +23,7 @@ use crate::{
 };
 
 const SELECT: &str = "SELECT id, site, fit_id, document, awaiting, version, evidence, actor, \
-                      decided_ns FROM decisions";
+                      decided_ns, approved, approver, comment, approval_ns FROM decisions";
 
 pub(super) fn commit(
     transaction: &Transaction<'_>,
@@ -265,7 +266,23 @@ fn record(row: &Row<'_>) -> rusqlite::Result<DecisionRecord> {
         evidence: row.get(6)?,
         actor: row.get(7)?,
         decided_ns: row.get(8)?,
+        answer: answer(row)?,
     })
+}
+
+/// Columns 9 to 12; none until a person has answered.
+fn answer(row: &Row<'_>) -> rusqlite::Result<Option<Answer>> {
+    let Some(approved) = row.get(9)? else {
+        return Ok(None);
+    };
+    let text =
+        |column| Ok::<_, rusqlite::Error>(row.get::<_, Option<_>>(column)?.unwrap_or_default());
+    Ok(Some(Answer {
+        approved,
+        actor: text(10)?,
+        comment: text(11)?,
+        answered_ns: row.get::<_, Option<_>>(12)?.unwrap_or_default(),
+    }))
 }
 
 fn json_text(document: &impl serde::Serialize) -> Result<String, Trouble> {

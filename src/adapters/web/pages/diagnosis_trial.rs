@@ -206,7 +206,8 @@ fn choice(diagnosis: &DiagnosisV1, trial: &Trial) -> Markup {
                 select name="event" {
                     @for failure in &diagnosis.failures {
                         option value=(failure.event) selected[failure.event == trial.event()] {
-                            (failure.event) ", V/V0 " (number::fixed(failure.lowest_voltage, 2)) ", " (number::significant(failure.error_to_noise, 2)) " × noise"
+                            (failure.event) ", V/V0 " (number::fixed(failure.lowest_voltage, 2))
+                            @if diagnosis.events.untouched.contains(&failure.event) { ", not seen by the fits" }
                         }
                     }
                 }

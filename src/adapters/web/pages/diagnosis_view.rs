@@ -6,6 +6,7 @@ use super::{
     super::{layout::segment, plot, words},
     diagnosis::DiagnosisPage,
     diagnosis_charts as charts, diagnosis_trial,
+    structure::still_missing,
 };
 use crate::adapters::{
     report::number,
@@ -75,17 +76,17 @@ fn details(page: &DiagnosisPage, diagnosis: &DiagnosisV1, source: &str) -> Marku
 
 /// The way on: one click adds the effect.
 fn offer(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
-    let present = |effect: &String| {
-        page.wanted
-            .as_ref()
-            .is_some_and(|record| record.structure.contains(effect))
-    };
-    let open: Vec<&String> = diagnosis
-        .answer_set
-        .iter()
-        .filter(|effect| !present(effect))
-        .collect();
+    let wanted = page.wanted.as_ref().map(|record| &record.structure[..]);
+    let open = still_missing(&diagnosis.answer_set, wanted.unwrap_or_default());
+    let added = diagnosis.answer_set.iter().find(|_| open.is_empty());
     html! {
+        @if added.is_some() {
+            p.done role="status" {
+                "The model has been changed since this diagnosis: its structure is now "
+                (words::structure(wanted.unwrap_or_default())) ". "
+                a href=(page.head.address("structure")) { "See what that did to the error" } "."
+            }
+        }
         @if !open.is_empty() {
             div.actions {
                 @for (place, effect) in open.iter().enumerate() { (adding(page, effect, place == 0)) }

@@ -249,7 +249,7 @@ impl EventPage {
         html! {
             @if !drawn.is_empty() {
                 div.scroll tabindex="0" role="region" aria-label="Errors" {
-                    table.list {
+                    table.list.cards {
                         thead { tr {
                             th scope="col" { "Model" }
                             th scope="col" { "Structure" }
@@ -266,14 +266,14 @@ impl EventPage {
                                 @let errors = &d.comparison().errors;
                                 tr {
                                     th scope="row" { (d.model.label) " " (verdict(d.model.set.verdict.status)) }
-                                    td { (words::structure(&d.model.set.structure)) }
-                                    td { (d.role()) }
-                                    td.num { (number::significant(errors.eps_p_percent, 3)) }
-                                    td.num { (number::significant(errors.eps_q_percent, 3)) }
-                                    td.num { (number::significant(errors.event_eps_p_percent, 3)) }
-                                    td.num { (number::significant(errors.event_eps_q_percent, 3)) }
-                                    td.num { (number::significant(errors.error_to_noise, 3)) }
-                                    td.num { (number::significant(errors.error_to_noise_away_from_edges, 3)) }
+                                    td data-label="Structure" { (words::structure(&d.model.set.structure)) }
+                                    td data-label="This event" { (d.role()) }
+                                    td.num data-label="Error of P, %" { (number::significant(errors.eps_p_percent, 3)) }
+                                    td.num data-label="Error of Q, %" { (number::significant(errors.eps_q_percent, 3)) }
+                                    td.num data-label="Event error of P, %" { (number::significant(errors.event_eps_p_percent, 3)) }
+                                    td.num data-label="Event error of Q, %" { (number::significant(errors.event_eps_q_percent, 3)) }
+                                    td.num data-label="Error / noise" { (number::significant(errors.error_to_noise, 3)) }
+                                    td.num data-label="off edges" { (number::significant(errors.error_to_noise_away_from_edges, 3)) }
                                 }
                             }
                         }

@@ -15,7 +15,7 @@ use super::super::{
     desk::Desk,
     layout::{SiteHead, Tab, segment},
     problem::Problem,
-    view::{self, Page, Table, cell},
+    view::{self, Form, Page, Table, cell},
     words,
 };
 use crate::{
@@ -30,7 +30,7 @@ use crate::{
 /// Events of a site that are looked through at most; older ones are reached by `before_ns` of the API.
 const EVENTS_MAX: usize = 20_000;
 /// Rows of one page.
-const ROWS: usize = 100;
+const ROWS: usize = 50;
 
 /// What the address asks for; what it leaves out is as it was at first.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Eq)]
@@ -55,13 +55,35 @@ pub(in super::super) struct Asked {
     page: String,
 }
 
+impl Asked {
+    /// The number of the page, from 1.
+    fn page(&self) -> Result<usize, Problem> {
+        match self.page.as_str() {
+            "" => Ok(1),
+            text => text.parse().ok().filter(|page| *page > 0).ok_or_else(|| {
+                Problem::bad_request(format!("`page` is `{text}` and not a number from 1"))
+            }),
+        }
+    }
+
+    /// Whether it asks for every event in the order in which the store has them: the newest first.
+    fn is_plain(&self) -> bool {
+        let everything = [&self.screening, &self.role, &self.search];
+        everything.iter().all(|asked| asked.is_empty())
+            && ["", "onset"].contains(&self.sort.as_str())
+            && ["", "down"].contains(&self.order.as_str())
+    }
+}
+
 pub(in super::super) async fn show(
     State(desk): State<Arc<Desk>>,
     Path(site): Path<String>,
     Query(asked): Query<Asked>,
     uri: Uri,
 ) -> Response {
-    view::show(desk, uri, move |desk| Events::load(desk, &site, asked)).await
+    // The twins hold every row.
+    let all = Form::of(uri.path()).1 != Form::Html;
+    view::show(desk, uri, move |desk| Events::load(desk, &site, asked, all)).await
 }
 
 /// Errors by event, and how the event was used.
@@ -114,22 +136,38 @@ struct Events {
     /// Whose errors are listed.
     errors_of: String,
     asked: Asked,
-    /// Filtered and sorted.
+    /// Filtered and sorted; where nothing is filtered, the newest come first and only one page is asked for,
+    /// those up to the end of that page.
     rows: Vec<Row>,
+    /// After the filter.
+    matching: usize,
     /// Before the filter.
     count: usize,
     page: usize,
 }
 
 impl Events {
-    fn load(desk: &Desk, site: &str, asked: Asked) -> Result<Self, Problem> {
+    fn load(desk: &Desk, site: &str, asked: Asked, all: bool) -> Result<Self, Problem> {
         let head = SiteHead::load(desk, site)?;
+        let page = asked.page()?;
+        let read = if all || !asked.is_plain() {
+            EVENTS_MAX
+        } else {
+            page.saturating_mul(ROWS).min(EVENTS_MAX)
+        };
         let windows = desk.store().window_summaries(&WindowQuery {
             site: Some(site),
-            count_max: EVENTS_MAX,
+            count_max: read,
             ..WindowQuery::default()
         })?;
-        let count = windows.len();
+        let count = if windows.len() < read {
+            windows.len()
+        } else {
+            let tallies = desk.store().window_tallies()?;
+            let of_site = tallies.iter().find(|tally| tally.site == site);
+            let windows = of_site.and_then(|tally| usize::try_from(tally.windows).ok());
+            windows.unwrap_or(read).min(EVENTS_MAX)
+        };
         let (mut known, errors_of) = judged(desk, &head)?;
         let mut rows: Vec<Row> = windows
             .into_iter()
@@ -140,15 +178,11 @@ impl Events {
             .filter(|row| wanted(row, &asked))
             .collect();
         sort(&mut rows, &asked)?;
-        let page = match asked.page.as_str() {
-            "" => 1,
-            text => text.parse().ok().filter(|page| *page > 0).ok_or_else(|| {
-                Problem::bad_request(format!("`page` is `{text}` and not a number from 1"))
-            })?,
-        };
+        let plain = asked.is_plain();
         Ok(Self {
             head,
             errors_of,
+            matching: if plain { count } else { rows.len() },
             asked,
             rows,
             count,
@@ -157,7 +191,7 @@ impl Events {
     }
 
     fn pages(&self) -> usize {
-        self.rows.len().div_ceil(ROWS).max(1)
+        self.matching.div_ceil(ROWS).max(1)
     }
 
     fn shown(&self) -> &[Row] {
@@ -378,7 +412,7 @@ impl Events {
                 input type="hidden" name="sort" value=(asked.sort);
                 input type="hidden" name="order" value=(asked.order);
                 button type="submit" { "Filter" }
-                span.dim { (self.rows.len()) " of " (self.count) " events" }
+                span.dim { (self.matching) " of " (self.count) " events" }
             }
         }
     }

@@ -7,7 +7,7 @@ use axum::{
         Multipart, Path, Query, State,
         multipart::{MultipartError, MultipartRejection},
     },
-    http::{HeaderMap, StatusCode, Uri},
+    http::{HeaderMap, StatusCode, Uri, header},
     response::{IntoResponse, Redirect, Response},
 };
 use maud::{Markup, html};
@@ -25,7 +25,7 @@ use super::{
     },
     event,
 };
-use crate::adapters::{report::number, store::WindowSummary, wire::v1::rfc3339};
+use crate::adapters::{http::refused, report::number, store::WindowSummary, wire::v1::rfc3339};
 
 /// Bytes of the files together at most.
 pub(in super::super) const FILES_BYTES_MAX: usize = 16 * 1024 * 1024;
@@ -100,31 +100,66 @@ pub(in super::super) async fn take(
         Ok(form) => Sent::read(form).await,
         Err(rejection) => Err(Problem::bad_request(rejection.body_text())),
     };
-    let sent = match sent.and_then(|sent| access.check(&sent.csrf, &headers).map(|()| sent)) {
-        Ok(sent) => sent,
-        Err(problem) => return problem.answer(Form::Html),
+    let admitted = sent.and_then(|sent| access.check(&sent.csrf, &headers).map(|()| sent));
+    let kept = match admitted {
+        Ok(sent) => keep(desk, &site, sent).await,
+        Err(problem) => Err(problem),
     };
-    let Ok(permit) = Arc::clone(&desk.seats).acquire_owned().await else {
-        return Problem::unavailable("the service is stopping").answer(Form::Html);
-    };
-    let reading = {
-        let (desk, site) = (Arc::clone(&desk), site.clone());
-        tokio::task::spawn_blocking(move || {
-            let _permit = permit;
-            let upload = uploads::read(&desk.site(&site)?, &sent.files, sent.load)?;
-            let id = upload.window.id.clone();
-            desk.uploads.keep(upload);
-            Ok::<_, Problem>(id)
-        })
-    };
-    match reading.await {
-        Ok(Ok(id)) => {
-            let address = site_address(&site, &format!("recordings/{}", segment(&id)));
-            Redirect::to(&address).into_response()
-        }
-        Ok(Err(problem)) => problem.answer(Form::Html),
-        Err(_) => Problem::unavailable("the reading was interrupted").answer(Form::Html),
+    match kept {
+        Ok(id) => Redirect::to(&address_of(&site, &id)).into_response(),
+        Err(problem) => problem.answer(Form::Html),
     }
+}
+
+/// `POST /api/v1/sites/{site}/recordings`: the same for a program that shows the token.
+pub(in super::super) async fn take_from_program(
+    State(desk): State<Arc<Desk>>,
+    Path(site): Path<String>,
+    headers: HeaderMap,
+    form: Result<Multipart, MultipartRejection>,
+) -> Response {
+    if let Err(refusal) = desk.context.actions.admit(&headers) {
+        return refused(refusal);
+    }
+    let sent = match form {
+        Ok(form) => Sent::read(form).await,
+        Err(rejection) => Err(Problem::bad_request(rejection.body_text())),
+    };
+    let kept = match sent {
+        Ok(sent) => keep(desk, &site, sent).await,
+        Err(problem) => Err(problem),
+    };
+    match kept {
+        Ok(id) => {
+            let address = address_of(&site, &id);
+            let body = json!({ "recording": id, "comparison": format!("{address}.json") });
+            let location = [(header::LOCATION, address)];
+            (StatusCode::CREATED, location, axum::Json(body)).into_response()
+        }
+        Err(problem) => problem.answer(Form::Json),
+    }
+}
+
+fn address_of(site: &str, id: &str) -> String {
+    site_address(site, &format!("recordings/{}", segment(id)))
+}
+
+/// Reads what was sent on a thread that may block and keeps it; its name.
+async fn keep(desk: Arc<Desk>, site: &str, sent: Sent) -> Result<String, Problem> {
+    let Ok(permit) = Arc::clone(&desk.seats).acquire_owned().await else {
+        return Err(Problem::unavailable("the service is stopping"));
+    };
+    let site = site.to_owned();
+    let reading = tokio::task::spawn_blocking(move || {
+        let _permit = permit;
+        let upload = uploads::read(&desk.site(&site)?, &sent.files, sent.load)?;
+        let id = upload.window.id.clone();
+        desk.uploads.keep(upload);
+        Ok(id)
+    });
+    reading
+        .await
+        .unwrap_or_else(|_| Err(Problem::unavailable("the reading was interrupted")))
 }
 
 /// What the form holds.

@@ -92,26 +92,26 @@ impl Difference {
         };
         html! {
             div.scroll tabindex="0" role="region" aria-label="Difference of two sets" {
-                table.list {
+                table.list.cards {
                     thead { tr {
                         th scope="col" { "What" } th scope="col" { "Unit" }
                         th.num scope="col" { (self.labels.0) } th.num scope="col" { (self.labels.1) }
                         th.num scope="col" { "Change" } th.num scope="col" { "in standard errors" } th scope="col" { "Meaning" }
                     } }
                     tbody {
-                        tr { th scope="row" { "structure" } td {} td { (words::structure(&self.structures.0)) }
-                            td { (words::structure(&self.structures.1)) } td {} td {} td {} }
+                        tr { th scope="row" { "structure" } td {} td data-label=(self.labels.0) { (words::structure(&self.structures.0)) }
+                            td data-label=(self.labels.1) { (words::structure(&self.structures.1)) } td {} td {} td {} }
                         @for (name, a, b) in &self.errors {
-                            tr { th scope="row" { (name) } td {} td.num { (number::significant(*a, 3)) } td.num { (number::significant(*b, 3)) }
-                                td.num { (number::significant(b - a, 2)) } td {} td.dim { "held-out events where there are any" } }
+                            tr { th scope="row" { (name) } td {} td.num data-label=(self.labels.0) { (number::significant(*a, 3)) } td.num data-label=(self.labels.1) { (number::significant(*b, 3)) }
+                                td.num data-label="Change" { (number::significant(b - a, 2)) } td {} td.dim { "held-out events where there are any" } }
                         }
                         @for row in &self.rows {
                             @let change = row.from.zip(row.to).map(|(a, b)| b - a);
                             tr {
-                                th scope="row" { (row.name) } td { (unit(&row.unit)) }
-                                td.num { (shown(row.from)) } td.num { (shown(row.to)) }
-                                td.num { (change.map_or_else(String::new, |c| number::significant(c, 2))) }
-                                td.num { (row.in_errors.map_or_else(String::new, |c| number::fixed(c, 1))) }
+                                th scope="row" { (row.name) } td data-label="Unit" { (unit(&row.unit)) }
+                                td.num data-label=(self.labels.0) { (shown(row.from)) } td.num data-label=(self.labels.1) { (shown(row.to)) }
+                                td.num data-label="Change" { (change.map_or_else(String::new, |c| number::significant(c, 2))) }
+                                td.num data-label="in standard errors" { (row.in_errors.map_or_else(String::new, |c| number::fixed(c, 1))) }
                                 td.dim { (row.meaning) }
                             }
                         }

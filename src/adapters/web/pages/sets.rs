@@ -291,7 +291,7 @@ impl Sets {
     fn history(&self) -> Markup {
         html! {
             div.scroll tabindex="0" role="region" aria-label="Versions" {
-                table.list {
+                table.list.cards {
                     thead { tr {
                         th scope="col" { "Version" } th scope="col" { "Since, UTC" } th scope="col" { "Verdict" }
                         th scope="col" { "Structure" }
@@ -303,15 +303,15 @@ impl Sets {
                         tr {
                             th scope="row" { a href=(page) { "version " (stored.version) }
                                 @if self.in_force() == Some(stored.version) { " " span.chip.good { "in force" } } }
-                            td.time { (words::utc(stored.committed_ns)) }
-                            td { (verdict(set.verdict.status)) }
-                            td { (words::structure(&set.structure)) }
+                            td.time data-label="Since, UTC" { (words::utc(stored.committed_ns)) }
+                            td data-label="Verdict" { (verdict(set.verdict.status)) }
+                            td data-label="Structure" { (words::structure(&set.structure)) }
                             @if let Some(errors) = &set.held_out {
-                                td.num { (number::significant(errors.eps_p_percent, 3)) }
-                                td.num { (number::significant(errors.eps_q_percent, 3)) }
-                                td.num { (number::significant(errors.error_to_noise, 3)) }
+                                td.num data-label="Held-out error of P, %" { (number::significant(errors.eps_p_percent, 3)) }
+                                td.num data-label="of Q, %" { (number::significant(errors.eps_q_percent, 3)) }
+                                td.num data-label="Error / noise" { (number::significant(errors.error_to_noise, 3)) }
                             } @else { td {} td {} td {} }
-                            td { a href={ (page) ".json" } { "JSON" } " " a href={ (page) ".csv" } { "CSV" } }
+                            td data-label="Files" { a href={ (page) ".json" } { "JSON" } " " a href={ (page) ".csv" } { "CSV" } }
                             td {
                                 @if self.access.may_write && self.in_force() != Some(stored.version) {
                                     form method="post" action={ (page) "/roll-back" } {
@@ -345,17 +345,25 @@ impl Sets {
     fn decided(&self) -> Markup {
         html! {
             div.scroll tabindex="0" role="region" aria-label="Decisions" {
-                table.list {
+                table.list.cards {
                     thead { tr { th scope="col" { "When, UTC" } th scope="col" { "Decision" } th scope="col" { "Why" } th scope="col" { "By" } } }
                     tbody { @for record in &self.decisions {
                         @let document = DecisionDocument::from(record);
                         tr {
-                            td.time { (words::utc(record.decided_ns)) }
-                            td { span class={ "chip " (decision_class(document.decision)) } { (document.decision.replace('_', " ")) }
+                            th.time scope="row" { (words::utc(record.decided_ns)) }
+                            td data-label="Decision" {
+                                @let (class, name) = standing(&document);
+                                span class={ "chip " (class) } { (name) }
                                 @if let Some(version) = document.version { " version " (version) }
-                                @if document.awaiting_approval { " " span.chip.open { "awaits approval" } (self.answers(document.id)) } }
-                            td { (document.reason) }
-                            td { (words::actor(&document.actor)) }
+                                @if document.awaiting_approval { " " (self.answers(document.id)) } }
+                            td data-label="Why" { (document.reason) }
+                            td data-label="By" {
+                                (words::actor(&document.actor))
+                                @if let Some(answer) = &document.answer {
+                                    "; " (if answer.approved { "approved" } else { "refused" }) " by " (words::actor(&answer.actor))
+                                    @if !answer.comment.is_empty() { ": " (answer.comment) }
+                                }
+                            }
                         }
                     } }
                 }
@@ -364,10 +372,14 @@ impl Sets {
     }
 }
 
-fn decision_class(decision: &str) -> &'static str {
-    match decision {
-        "publish" => "good",
-        "reject" => "bad",
-        _ => "open",
+/// What has become of a decision: class of its chip, and words.
+fn standing(decision: &DecisionDocument) -> (&'static str, String) {
+    match (&decision.answer, decision.decision) {
+        (Some(answer), _) if answer.approved => ("good", "approved".to_owned()),
+        (Some(_), _) => ("bad", "refused".to_owned()),
+        (None, _) if decision.awaiting_approval => ("open", "awaits approval".to_owned()),
+        (None, "publish") => ("good", "publish".to_owned()),
+        (None, "reject") => ("bad", "reject".to_owned()),
+        (None, other) => ("open", other.replace('_', " ")),
     }
 }

@@ -2,8 +2,13 @@
 
 use std::sync::Arc;
 
-use axum::{extract::State, http::Uri, response::Response};
+use axum::{
+    extract::{Query, State},
+    http::Uri,
+    response::Response,
+};
 use maud::{Markup, html};
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::{
@@ -15,6 +20,7 @@ use super::{
         words,
     },
     diagnosis_view::status_chip,
+    structure::still_missing,
 };
 use crate::{
     adapters::{
@@ -27,8 +33,65 @@ use crate::{
     measurement::Site,
 };
 
-pub(in super::super) async fn show(State(desk): State<Arc<Desk>>, uri: Uri) -> Response {
-    view::show(desk, uri, Sites::load).await
+/// Sites named above the table at most.
+const FIRST_MAX: usize = 3;
+
+/// What the address asks for.
+#[derive(Clone, Debug, Default, Deserialize)]
+pub(in super::super) struct Asked {
+    /// `name`, `events`, `newest` or `noise`.
+    #[serde(default)]
+    sort: Order,
+}
+
+/// What the rows are sorted by.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[serde(rename_all = "snake_case")]
+enum Order {
+    #[default]
+    #[serde(alias = "")]
+    Name,
+    Events,
+    Newest,
+    Noise,
+}
+
+impl Order {
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Name => "name",
+            Self::Events => "events",
+            Self::Newest => "newest",
+            Self::Noise => "noise",
+        }
+    }
+
+    /// The most first, except for names.
+    fn sort(self, rows: &mut [Row]) {
+        let tally = |row: &Row, of: fn(&WindowTally) -> f64| row.tally.as_ref().map_or(-1.0, of);
+        match self {
+            Self::Name => {}
+            Self::Events => rows.sort_by(|a, b| {
+                let of = |row| tally(row, |tally| tally.windows as f64);
+                of(b).total_cmp(&of(a))
+            }),
+            Self::Newest => rows.sort_by(|a, b| {
+                let of = |row| tally(row, |tally| tally.newest_onset_ns as f64);
+                of(b).total_cmp(&of(a))
+            }),
+            Self::Noise => {
+                rows.sort_by(|a, b| b.error_to_noise().total_cmp(&a.error_to_noise()));
+            }
+        }
+    }
+}
+
+pub(in super::super) async fn show(
+    State(desk): State<Arc<Desk>>,
+    Query(asked): Query<Asked>,
+    uri: Uri,
+) -> Response {
+    view::show(desk, uri, move |desk| Sites::load(desk, asked.sort)).await
 }
 
 struct Row {
@@ -43,13 +106,14 @@ struct Row {
 
 struct Sites {
     rows: Vec<Row>,
+    sort: Order,
     work: Vec<Progress>,
     /// Jobs that wait for a worker.
     waiting: u64,
 }
 
 impl Sites {
-    fn load(desk: &Desk) -> Result<Self, Problem> {
+    fn load(desk: &Desk, sort: Order) -> Result<Self, Problem> {
         let store = desk.store();
         let mut tallies = store.window_tallies()?;
         let mut rows = Vec::new();
@@ -74,8 +138,10 @@ impl Sites {
                 site,
             });
         }
+        sort.sort(&mut rows);
         Ok(Self {
             rows,
+            sort,
             work: Progress::of(desk, None),
             waiting: store.counts(desk.context.health.now_ns())?.jobs_queued,
         })
@@ -87,6 +153,19 @@ impl Row {
     fn set(&self) -> Option<&ParameterSet> {
         let in_force = self.in_force.as_ref().map(|(_, set)| set);
         in_force.or(self.fit.as_ref())
+    }
+
+    /// What the newest diagnosis names and the model has not.
+    fn missing(&self) -> Vec<String> {
+        let structure = self.set().map_or(&[][..], |set| &set.structure);
+        let answers = self.diagnosis.as_ref().map(|(_, answers)| &answers[..]);
+        still_missing(answers.unwrap_or_default(), structure)
+    }
+
+    /// Of the errors quoted; below any other where there are none.
+    fn error_to_noise(&self) -> f64 {
+        self.quoted()
+            .map_or(-1.0, |(errors, _)| errors.error_to_noise)
     }
 
     /// The errors to quote and whether they are of held-out events.
@@ -123,18 +202,19 @@ impl Page for Sites {
                     "Each site is a load seen by a PMU or a disturbance recorder. Open one to see its "
                     "disturbances, how well its model follows them, and what the model is missing."
                 }
+                (self.first())
                 div.scroll tabindex="0" role="region" aria-label="Sites" {
                     table.list.cards {
                         thead { tr {
-                            th scope="col" { "Site" }
-                            th scope="col" { "Events" }
-                            th scope="col" { "Newest, UTC" }
+                            (self.sortable(Order::Name, "Site", false))
+                            (self.sortable(Order::Events, "Events", false))
+                            (self.sortable(Order::Newest, "Newest, UTC", false))
                             th scope="col" { "In force" }
                             th scope="col" { "Model" }
                             th scope="col" { "Missing" }
                             th.num scope="col" { "Error of P, %" }
                             th.num scope="col" { "Error of Q, %" }
-                            th.num scope="col" { "Error / noise" }
+                            (self.sortable(Order::Noise, "Error / noise", true))
                         } }
                         tbody { @for row in &self.rows { (line(row)) } }
                     }
@@ -178,6 +258,47 @@ impl Page for Sites {
     }
 }
 
+impl Sites {
+    /// Where the model fails most and it is known what it lacks.
+    fn first(&self) -> Markup {
+        let mut rows: Vec<(&Row, Vec<String>)> = self
+            .rows
+            .iter()
+            .map(|row| (row, row.missing()))
+            .filter(|(_, missing)| !missing.is_empty())
+            .collect();
+        rows.sort_by(|(a, _), (b, _)| b.error_to_noise().total_cmp(&a.error_to_noise()));
+        rows.truncate(FIRST_MAX);
+        html! {
+            @if !rows.is_empty() {
+                p.lead {
+                    strong { "Where to look first: " }
+                    @for (place, (row, missing)) in rows.iter().enumerate() {
+                        @if place > 0 { "; " }
+                        a href=(site_address(&row.site.name, "diagnosis")) { (row.site.name) " lacks " (words::effect(&missing[0])) }
+                        @if let Some((errors, _)) = row.quoted() { ", " (number::significant(errors.error_to_noise, 3)) " × noise" }
+                    }
+                    "."
+                }
+            }
+        }
+    }
+
+    fn sortable(&self, order: Order, name: &str, numeric: bool) -> Markup {
+        let chosen = self.sort == order;
+        let (direction, arrow) = if order == Order::Name {
+            ("ascending", " ▲")
+        } else {
+            ("descending", " ▼")
+        };
+        html! {
+            th.num[numeric] scope="col" aria-sort=[chosen.then_some(direction)] {
+                a href={ "/sites?sort=" (order.word()) } { (name) @if chosen { (arrow) } }
+            }
+        }
+    }
+}
+
 fn line(row: &Row) -> Markup {
     let name = &row.site.name;
     html! {
@@ -203,8 +324,12 @@ fn line(row: &Row) -> Markup {
             }
             td data-label="Missing" {
                 @if let Some((status, answers)) = &row.diagnosis {
-                    a href=(site_address(name, "diagnosis")) { (status_chip(status)) }
-                    @if let Some(first) = answers.first() { " " (words::effect(first)) }
+                    @if answers.is_empty() || !row.missing().is_empty() {
+                        a href=(site_address(name, "diagnosis")) { (status_chip(status)) }
+                        @if let Some(first) = answers.first() { " " (words::effect(first)) }
+                    } @else {
+                        span.dim { "added since; the next diagnosis tells" }
+                    }
                 }
             }
             @if let Some((errors, _)) = row.quoted() {

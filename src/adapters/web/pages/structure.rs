@@ -142,10 +142,8 @@ impl StructurePage {
         let plain = || vec!["zip".to_owned(), "induction_motor".to_owned()];
         let wanted = newest.or(fitted).unwrap_or_else(plain);
         let diagnosis = store.newest_diagnosis(site)?;
-        let mut missing = diagnosis
-            .as_ref()
-            .map_or_else(Vec::new, |stored| stored.answer_set.clone());
-        missing.retain(|effect| !wanted.contains(effect));
+        let named = diagnosis.as_ref().map(|stored| &stored.answer_set[..]);
+        let missing = still_missing(named.unwrap_or_default(), &wanted);
         let floor = diagnosis
             .and_then(|stored| stored.diagnosis().ok().flatten())
             .map_or(1.0, |diagnosis| diagnosis.noise_floor);
@@ -177,6 +175,15 @@ impl StructurePage {
             .last()
             .is_none_or(|stair| stair.fit.structure != self.wanted)
     }
+}
+
+/// What is left of an answer of the diagnosis: its effects describe the events equally well, so that one of
+/// them in the structure answers it.
+pub(super) fn still_missing(answers: &[String], structure: &[String]) -> Vec<String> {
+    if answers.iter().any(|effect| structure.contains(effect)) {
+        return Vec::new();
+    }
+    answers.to_vec()
 }
 
 /// The newest fit of each run of fits with one structure.
@@ -254,6 +261,7 @@ impl Page for StructurePage {
                 "structure": stair.fit.structure,
                 "error_to_noise": stair.set.fit.error_to_noise,
                 "held_out_error_to_noise": stair.held_out().map(|e| e.error_to_noise),
+                "held_out_error_to_noise_away_from_edges": stair.held_out().map(|e| e.error_to_noise_away_from_edges),
                 "held_out_eps_p_percent": stair.held_out().map(|e| e.eps_p_percent),
                 "held_out_eps_q_percent": stair.held_out().map(|e| e.eps_q_percent),
             })
@@ -278,6 +286,7 @@ impl Page for StructurePage {
             "structure",
             "error_to_noise",
             "held_out_error_to_noise",
+            "held_out_error_to_noise_away_from_edges",
             "held_out_eps_p_percent",
             "held_out_eps_q_percent",
         ]);
@@ -291,11 +300,27 @@ impl Page for StructurePage {
                     stair.fit.structure.join("+"),
                     cell(stair.set.fit.error_to_noise),
                     cell(held_out(|e| e.error_to_noise)),
+                    cell(held_out(|e| e.error_to_noise_away_from_edges)),
                     cell(held_out(|e| e.eps_p_percent)),
                     cell(held_out(|e| e.eps_q_percent)),
                 ]
             })
             .collect();
         table
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_alternative_of_what_was_added_is_not_missing() {
+        let names = |list: &[&str]| list.iter().map(|&s| s.to_owned()).collect::<Vec<_>>();
+        let answers = names(&["electronic_load_dropout", "discharge_lighting"]);
+        let plain = names(&["zip", "induction_motor"]);
+        assert_eq!(still_missing(&answers, &plain), answers);
+        let added = names(&["zip", "induction_motor", "discharge_lighting"]);
+        assert!(still_missing(&answers, &added).is_empty());
     }
 }

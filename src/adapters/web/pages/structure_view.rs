@@ -15,6 +15,7 @@ use super::{
 };
 use crate::{
     adapters::report::number,
+    identification::ErrorSummary,
     load_model::{effect::Kind, effects},
 };
 
@@ -136,13 +137,12 @@ fn step_name(stairs: &[Stair], place: usize) -> String {
 fn staircase(page: &StructurePage) -> Chart {
     let stairs = &page.stairs;
     let log = |value: f64| value.max(1e-3).log10();
-    let fitted: Vec<f64> = stairs
-        .iter()
-        .map(|s| log(s.set.fit.error_to_noise))
-        .collect();
+    // What validation judges and the floor is of: two cycles around an edge the filter of the instrument speaks.
+    let judged = |errors: &ErrorSummary| log(errors.error_to_noise_away_from_edges);
+    let fitted: Vec<f64> = stairs.iter().map(|s| judged(&s.set.fit)).collect();
     let held_out: Vec<f64> = stairs
         .iter()
-        .map(|s| s.held_out().map_or(f64::NAN, |e| log(e.error_to_noise)))
+        .map(|s| s.held_out().map_or(f64::NAN, judged))
         .collect();
     let floor = log(page.floor);
     let all: Vec<f64> = fitted
@@ -181,8 +181,8 @@ fn staircase(page: &StructurePage) -> Chart {
         id: "staircase".to_owned(),
         title: "Error against structure".to_owned(),
         description:
-            "Error over noise of each structure in turn, on the fitted and on the held-out events, \
-                      and the error of a perfect model as the floor."
+            "Error over noise away from voltage edges of each structure in turn, on the fitted and on \
+                      the held-out events, and the error of a perfect model as the floor."
                 .to_owned(),
         horizontal_title: "structure".to_owned(),
         horizontal: (-0.6, stairs.len() as f64 - 0.4),
@@ -190,7 +190,7 @@ fn staircase(page: &StructurePage) -> Chart {
         x: (0..stairs.len()).map(|k| k as f64).collect(),
         linked: None,
         panels: vec![Panel {
-            title: "error over noise".to_owned(),
+            title: "error over noise, away from voltage edges".to_owned(),
             height: 220,
             vertical: padded(span_of(&all), 0.2),
             logarithmic: true,
@@ -212,22 +212,24 @@ fn staircase(page: &StructurePage) -> Chart {
 fn steps(page: &StructurePage) -> Markup {
     html! {
         div.scroll tabindex="0" role="region" aria-label="Steps" {
-            table.list {
+            table.list.cards.tight {
                 thead { tr {
                     th scope="col" { "Step" } th scope="col" { "Fitted, UTC" } th scope="col" { "Verdict" }
                     th.num scope="col" { "Error / noise, fitted" } th.num scope="col" { "held out" }
+                    th.num scope="col" { "held out, off edges" }
                     th.num scope="col" { "Held-out error of P, %" } th.num scope="col" { "of Q, %" }
                 } }
                 tbody { @for (place, stair) in page.stairs.iter().enumerate() { tr {
                     th scope="row" { a href=(page.head.address(&format!("solutions?fit=fit-{}", stair.fit.id.0))) { (step_name(&page.stairs, place)) } }
-                    td.time { (words::utc(stair.fit.stored_ns)) }
-                    td { (verdict(stair.fit.verdict)) }
-                    td.num { (number::significant(stair.set.fit.error_to_noise, 3)) }
+                    td.time data-label="Fitted, UTC" { (words::utc(stair.fit.stored_ns)) }
+                    td data-label="Verdict" { (verdict(stair.fit.verdict)) }
+                    td.num data-label="Error / noise, fitted" { (number::significant(stair.set.fit.error_to_noise, 3)) }
                     @if let Some(errors) = stair.held_out() {
-                        td.num { (number::significant(errors.error_to_noise, 3)) }
-                        td.num { (number::significant(errors.eps_p_percent, 3)) }
-                        td.num { (number::significant(errors.eps_q_percent, 3)) }
-                    } @else { td {} td {} td {} }
+                        td.num data-label="held out" { (number::significant(errors.error_to_noise, 3)) }
+                        td.num data-label="held out, off edges" { (number::significant(errors.error_to_noise_away_from_edges, 3)) }
+                        td.num data-label="Held-out error of P, %" { (number::significant(errors.eps_p_percent, 3)) }
+                        td.num data-label="of Q, %" { (number::significant(errors.eps_q_percent, 3)) }
+                    } @else { td {} td {} td {} td {} }
                 } } }
             }
         }
@@ -251,12 +253,12 @@ fn changes(page: &StructurePage) -> Markup {
     html! {
         h2 { "Changes" }
         div.scroll tabindex="0" role="region" aria-label="Changes" {
-            table.list {
+            table.list.cards {
                 thead { tr { th scope="col" { "When, UTC" } th scope="col" { "Structure" } th scope="col" { "By" } th scope="col" { "Why" } } }
                 tbody { @for change in &page.changes { tr {
-                    td.time { (words::utc(change.changed_ns)) } td { (words::structure(&change.structure)) }
-                    td { (words::actor(&change.actor))
-                        @if change.actor != acting::ACTOR { span.dim { ", " (change.origin.name().replace('_', " ")) } } } td { (change.comment) }
+                    th.time scope="row" { (words::utc(change.changed_ns)) } td data-label="Structure" { (words::structure(&change.structure)) }
+                    td data-label="By" { (words::actor(&change.actor))
+                        @if change.actor != acting::ACTOR { span.dim { ", " (change.origin.name().replace('_', " ")) } } } td data-label="Why" { (change.comment) }
                 } } }
             }
         }

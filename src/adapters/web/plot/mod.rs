@@ -11,7 +11,7 @@ mod table;
 
 pub(super) use json::charts_json;
 pub(super) use scale::{padded, span_of};
-pub(super) use svg::figure;
+pub(super) use svg::{figure, has_figure};
 
 /// What a stroke stands for; `static/app.css` gives it its colour in light and dark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

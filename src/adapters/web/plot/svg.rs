@@ -47,6 +47,11 @@ pub(in super::super) fn figure(chart: &Chart, source: Option<&str>) -> Markup {
     }
 }
 
+/// Whether scripts will ask for the numbers of a figure of this page.
+pub(in super::super) fn has_figure(page: &Markup) -> bool {
+    page.0.contains(" data-source=\"")
+}
+
 fn legend(chart: &Chart) -> Markup {
     html! {
         span.legend {

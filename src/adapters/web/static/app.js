@@ -18,7 +18,8 @@ function theme() {
 // The page again, without losing the reader's place: its content is replaced unless a form is being filled in.
 async function refresh() {
   const busy = document.activeElement && document.activeElement.closest("form");
-  if (busy || document.querySelector(".plot[data-pressed]") || document.querySelector("main input:checked, main details[open]")) return false;
+  const entered = (field) => field.type === "file" ? field.files.length > 0 : ["text", "search", "number", "password"].includes(field.type) && field.value !== field.defaultValue;
+  if (busy || [...document.querySelectorAll("main input")].some(entered) || document.querySelector(".plot[data-pressed]") || document.querySelector("main input:checked, main details[open]")) return false;
   const answer = await fetch(location.href, { headers: { accept: "text/html" } });
   if (!answer.ok) return false;
   const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");

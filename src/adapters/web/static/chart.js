@@ -1,5 +1,5 @@
 // Charts that zoom and tell values: each takes the place of the server's drawing in its figure.
-import { HEAD, LEFT, Panel, RIGHT, fixed, foot, lowerBound, significant } from "./draw.js";
+import { HEAD, LEFT, Panel, RIGHT, fixed, foot, lowerBound, missing, significant } from "./draw.js";
 
 const INKS = ["measured", "model", "rival", "third", "noise", "edge", "mark", "unused"];
 const documents = new Map(); // address -> promise of its charts
@@ -11,12 +11,29 @@ export function upgrade(root) {
   documents.clear();
   for (const figure of root.querySelectorAll("figure.chart[data-source]")) {
     const address = figure.dataset.source;
-    if (!documents.has(address)) documents.set(address, fetch(address).then((answer) => answer.ok ? answer.json() : Promise.reject(answer.status)));
+    if (!documents.has(address)) documents.set(address, fetch(address).then((answer) => answer.ok ? answer.json() : Promise.reject(answer.status)).then(unpacked));
     documents.get(address).then((document) => {
       const chart = document.charts.find((chart) => chart.id === figure.id);
       if (chart && figure.isConnected) charts.push(new Chart(figure, chart));
     }, () => { /* the drawing of the server stays */ });
   }
+}
+
+function decoded(base64) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(base64);
+  const text = atob(base64), bytes = new Uint8Array(text.length);
+  for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
+  return bytes;
+}
+
+// Long lists of numbers come as base64 of 32-bit floats, lowest byte first as in every machine that browsers run on; a gap is no number.
+function unpacked(document) {
+  const list = (packed) => packed?.f32 ? new Float32Array(decoded(packed.f32).buffer) : packed;
+  for (const chart of document.charts) {
+    chart.x = list(chart.x);
+    for (const panel of chart.panels) for (const mark of panel.marks) for (const name of ["x", "y", "low", "high", "shade"]) if (name in mark) mark[name] = list(mark[name]);
+  }
+  return document;
 }
 
 class Chart {
@@ -33,15 +50,16 @@ class Chart {
     this.overlay = document.createElement("canvas"); this.overlay.className = "overlay"; this.overlay.setAttribute("aria-hidden", "true");
     this.plot.append(this.canvas, this.overlay, this.readout);
     this.tools(); this.legend(); this.listen();
-    this.resized = new ResizeObserver(() => this.draw()); this.resized.observe(this.plot);
+    // The observer tells the first size too, which is drawn already.
+    this.resized = new ResizeObserver(() => { if (this.plot.clientWidth !== this.drawnWidth) this.draw(); }); this.resized.observe(this.plot);
     this.themed = () => { this.colours = null; this.draw(); };
     document.addEventListener("theme", this.themed);
     const asked = new URLSearchParams(location.hash.slice(1)).get(this.key());
     if (asked) { const [a, b] = asked.split("_").map(Number); if (b > a) this.horizontal = [a, b]; }
-    this.draw(); figure.dataset.ready = "yes";
+    this.paint(); figure.dataset.ready = "yes";
   }
 
-  stop() { this.resized.disconnect(); document.removeEventListener("theme", this.themed); }
+  stop() { cancelAnimationFrame(this.frame); this.resized.disconnect(); document.removeEventListener("theme", this.themed); }
   key() { return this.data.linked ?? this.data.id; }
   group() { return this.data.linked ? charts.filter((c) => c.data.linked === this.data.linked) : [this]; }
 
@@ -130,18 +148,22 @@ class Chart {
       if (this.hidden.has(mark.name)) continue;
       const x = mark.x ?? this.data.x;
       for (const values of [mark.y, mark.low, mark.high]) {
-        if (!Array.isArray(values) || mark.kind === "label") continue;
+        if (values?.length === undefined || mark.kind === "label") continue;
         const first = mark.x ? 0 : lowerBound(x, a), end = mark.x ? x.length : lowerBound(x, b);
-        for (let k = first; k < end; k++) { const v = values[k]; if (v === null || x[k] < a || x[k] > b) continue; if (v < low) low = v; if (v > high) high = v; }
+        for (let k = first; k < end; k++) { const v = values[k]; if (missing(v) || x[k] < a || x[k] > b) continue; if (v < low) low = v; if (v > high) high = v; }
       }
     }
     if (low > high) return panel.vertical;
-    const least = (panel.vertical[1] - panel.vertical[0]) / 20, missing = Math.max(0, least - (high - low)) / 2, margin = 0.06 * (high - low) + missing;
+    const least = (panel.vertical[1] - panel.vertical[0]) / 20, short = Math.max(0, least - (high - low)) / 2, margin = 0.06 * (high - low) + short;
     return [low - margin, high + margin];
   }
 
-  draw() {
-    const width = this.plot.clientWidth; if (!width) return;
+  // With the next frame, once for all that changes until then.
+  draw() { this.frame ??= requestAnimationFrame(() => this.paint()); }
+
+  paint() {
+    cancelAnimationFrame(this.frame); this.frame = null;
+    const width = this.drawnWidth = this.plot.clientWidth; if (!width) return;
     const height = this.data.panels.reduce((sum, p) => sum + p.height + HEAD, foot(this.data)), ratio = window.devicePixelRatio || 1;
     const size = [Math.round(width * ratio), Math.round(height * ratio)];
     if (this.canvas.width !== size[0] || this.canvas.height !== size[1]) for (const canvas of [this.canvas, this.overlay]) { [canvas.width, canvas.height] = size; canvas.style.height = height + "px"; }
@@ -161,6 +183,9 @@ class Chart {
   point(value, pixel, selected) { this.hover = value === null ? null : { value, pixel, selected }; this.cross(); }
 
   cross() {
+    // Nothing is there and nothing is to be: an overlay that was never drawn on costs nothing.
+    if (!this.hover && !this.crossed) return;
+    this.crossed = this.hover !== null;
     const context = this.overlay.getContext("2d"), ratio = window.devicePixelRatio || 1;
     context.setTransform(ratio, 0, 0, ratio, 0, 0); context.clearRect(0, 0, this.overlay.width, this.overlay.height);
     this.readout.hidden = true; if (!this.hover || !this.panels) return;
@@ -173,14 +198,14 @@ class Chart {
   }
 
   tell(value, x) {
-    const all = this.data.x, sorted = all.every((v, k) => k === 0 || all[k - 1] <= v);
+    const all = this.data.x, sorted = this.sorted ??= all.every((v, k) => k === 0 || all[k - 1] <= v);
     let k = sorted ? lowerBound(all, value) : all.reduce((best, v, j) => Math.abs(v - value) < Math.abs(all[best] - value) ? j : best, 0);
     if (sorted && k > 0 && (k === all.length || value - all[k - 1] < all[k] - value)) k--;
     this.readout.replaceChildren();
     const head = document.createElement("b"); head.textContent = this.data.names.length ? this.data.names[Math.round(all[k])] : this.data.horizontal_title + ": " + fixed(all[k], 3); this.readout.append(head);
     for (const panel of this.data.panels) for (const mark of panel.marks) {
       if (mark.x || !mark.y || this.hidden.has(mark.name)) continue;
-      const row = document.createElement("div"), number = panel.logarithmic && mark.y[k] !== null ? 10 ** mark.y[k] : mark.y[k];
+      const row = document.createElement("div"), number = panel.logarithmic && !missing(mark.y[k]) ? 10 ** mark.y[k] : mark.y[k];
       row.textContent = panel.title + (mark.name && panel.marks.filter((m) => m.y && m.name).length > 1 ? " \u00b7 " + mark.name : "") + ": " + significant(number, 4); this.readout.append(row);
     }
     this.readout.hidden = false;
@@ -189,6 +214,7 @@ class Chart {
   }
 
   save() {
+    this.paint();
     const link = document.createElement("a"); link.download = this.data.id + ".png"; link.href = this.canvas.toDataURL("image/png"); link.click();
   }
 }

@@ -43,16 +43,19 @@ function numberAt(logarithm) {
   return Math.abs(value) >= 1e6 || Math.abs(value) < 1e-4 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
 }
 
+// A gap in a list: null where the list came as text, no number where it came as bytes.
+export function missing(value) { return value === null || value !== value; }
+
 export function fixed(value, decimals) {
   const text = value.toFixed(decimals);
   return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "\u2212");
 }
 
 export function significant(value, digits) {
-  if (value === null || !isFinite(value)) return "\u2013";
+  if (missing(value) || !isFinite(value)) return "\u2013";
   if (value === 0) return "0";
   const size = Math.floor(Math.log10(Math.abs(value)));
-  if (size < -4 || size >= 6) return value.toExponential(digits - 1);
+  if (size < -4 || size >= 6) return value.toExponential(digits - 1).replaceAll("-", "\u2212");
   return fixed(value, Math.min(20, Math.max(0, digits - 1 - size)));
 }
 
@@ -119,14 +122,17 @@ export class Panel {
     const c = this.context, [x, from, to] = this.range(mark), y = mark.y;
     c.strokeStyle = this.colours[mark.ink]; c.lineWidth = mark.ink === "measured" ? 2.6 : 1.6; c.lineJoin = "round"; c.setLineDash(mark.dashed ? [6, 3] : []);
     c.beginPath();
-    const dense = to - from > 3 * this.box.width;
-    let down = false, column = NaN, low = 0, high = 0;
+    // The scales, taken out of the loop over ten thousand points.
+    const [a, b] = this.view.horizontal, { left, top, width, height } = this.box, across = width / (b - a), down = height / (this.high - this.low), level = this.high;
+    const dense = to - from > 3 * width;
+    let drawing = false, column = NaN, low = 0, high = 0;
     for (let k = from; k < to; k++) {
-      if (y[k] === null) { down = false; continue; }
-      const px = this.x(x[k]), py = this.y(y[k]);
-      if (!down) { c.moveTo(px, py); down = true; column = Math.floor(px); low = high = py; continue; }
+      const value = y[k];
+      if (missing(value)) { drawing = false; continue; }
+      const px = left + (x[k] - a) * across, py = top + (level - value) * down;
+      if (!drawing) { c.moveTo(px, py); drawing = true; column = Math.floor(px); low = high = py; continue; }
       if (dense && Math.floor(px) === column) { // extremes of one column of pixels
-        if (py < low || py > high) { c.lineTo(px, py); low = Math.min(low, py); high = Math.max(high, py); }
+        if (py < low || py > high) { c.lineTo(px, py); if (py < low) low = py; else high = py; }
       } else { c.lineTo(px, py); column = Math.floor(px); low = high = py; }
     }
     c.stroke(); c.setLineDash([]);
@@ -144,10 +150,13 @@ export class Panel {
   points(mark) {
     const c = this.context, [a, b] = this.view.horizontal;
     const x = mark.x ?? this.chart.x;
+    // Thousands of circles take a software renderer tenths of a second; squares of their size do not.
+    const square = mark.shape === "dot" && x.length > 2000;
     for (let k = 0; k < x.length; k++) {
-      if (x[k] === null || mark.y[k] === null || x[k] < a || x[k] > b) continue;
+      if (missing(x[k]) || missing(mark.y[k]) || x[k] < a || x[k] > b) continue;
       const px = this.x(x[k]), py = this.y(mark.y[k]);
       const colour = mark.shade ? this.colours["shade-" + Math.round(mark.shade[k] * 7)] : this.colours[mark.ink];
+      if (square) { c.fillStyle = colour; c.fillRect(px - 2.5, py - 2.5, 5, 5); continue; }
       c.fillStyle = c.strokeStyle = colour; c.lineWidth = 1.6; c.beginPath();
       if (mark.shape === "dot") { c.arc(px, py, 3, 0, 7); c.fill(); }
       else { c.arc(px, py, 4.5, 0, 7); c.stroke(); }
@@ -157,7 +166,7 @@ export class Panel {
   bars(mark) {
     const c = this.context; c.fillStyle = this.colours[mark.ink]; c.globalAlpha = 0.9;
     mark.x.forEach((x, k) => {
-      if (mark.y[k] === null) return;
+      if (missing(mark.y[k])) return;
       const a = this.y(mark.base), b = this.y(mark.y[k]), left = this.x(x - mark.half_width);
       c.fillRect(left, Math.min(a, b), this.x(x + mark.half_width) - left, Math.max(0.5, Math.abs(a - b)));
     });
