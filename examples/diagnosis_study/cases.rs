@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 /// What a site hides.
 #[derive(Clone, Copy)]
-pub enum Hidden {
+pub(crate) enum Hidden {
     Nothing,
     Single(Effect),
     Pair([Effect; 2]),
@@ -21,7 +21,7 @@ pub enum Hidden {
     Outside(Effect),
 }
 
-pub struct Case {
+pub(crate) struct Case {
     seed: u64,
     number: u64,
     hidden: Hidden,
@@ -30,14 +30,14 @@ pub struct Case {
 /// Descriptions that the truth calls equal.
 const EQUALS: [[&str; 2]; 1] = [["electronic_load_dropout", "self_disconnection"]];
 
-pub fn same(truth: &str, named: &str) -> bool {
+pub(crate) fn same(truth: &str, named: &str) -> bool {
     let equal = |pair: &[&str; 2]| pair.contains(&truth) && pair.contains(&named);
     truth == named || EQUALS.iter().any(equal)
 }
 
 impl Hidden {
     /// Every effect meets others as numbers go on; none where it would meet itself.
-    pub fn pair(number: u64) -> Option<Self> {
+    pub(crate) fn pair(number: u64) -> Option<Self> {
         let found =
             |effect: &Effect| !["stator_resistance", "phasor_window"].contains(&effect.name());
         let all: Vec<Effect> = Effect::ALL.into_iter().filter(found).collect();
@@ -46,15 +46,15 @@ impl Hidden {
         (two[0] != two[1]).then_some(Self::Pair(two))
     }
 
-    fn effects(&self) -> Vec<Effect> {
+    fn effects(self) -> Vec<Effect> {
         match self {
             Self::Nothing => Vec::new(),
-            Self::Single(effect) | Self::Outside(effect) => vec![*effect],
+            Self::Single(effect) | Self::Outside(effect) => vec![effect],
             Self::Pair(two) => two.to_vec(),
         }
     }
 
-    fn kind(&self) -> &'static str {
+    fn kind(self) -> &'static str {
         match self {
             Self::Nothing => "nothing",
             Self::Single(_) => "single",
@@ -76,7 +76,7 @@ fn site_number(hidden: Hidden, number: u64) -> u64 {
 }
 
 impl Case {
-    pub fn new(seed: u64, number: u64, hidden: Hidden) -> Self {
+    pub(crate) fn new(seed: u64, number: u64, hidden: Hidden) -> Self {
         Self {
             seed,
             number,
@@ -84,7 +84,7 @@ impl Case {
         }
     }
 
-    pub fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let effects: Vec<&str> = self
             .hidden
             .effects()
@@ -111,7 +111,7 @@ impl Case {
     }
 
     /// One line of the study; none where the truth simulator refuses the site.
-    pub fn run(&self) -> Option<Value> {
+    pub(crate) fn run(&self) -> Option<Value> {
         let shape = self.shape();
         let made = match study_site(self.seed, site_number(self.hidden, self.number), &shape) {
             Ok(made) => made,

@@ -101,7 +101,9 @@ fn main() {
         summary::print(&read(path));
         return;
     }
-    let path = asked.lines.as_deref().expect("--lines FILE");
+    let Some(path) = asked.lines.as_deref() else {
+        panic!("--lines FILE is missing");
+    };
     let known = |line: &Value| line["case"].as_str().map(str::to_owned);
     let tried: HashSet<String> = read(path).iter().filter_map(known).collect();
     let mut file: File = OpenOptions::new()

@@ -116,7 +116,7 @@ fn count<'a>(judged: &[&Judged<'a>], holds: impl Fn(&Judged<'a>) -> bool) -> usi
     judged.iter().filter(|j| holds(j)).count()
 }
 
-pub fn print(lines: &[Value]) {
+pub(crate) fn print(lines: &[Value]) {
     let judged: Vec<Judged<'_>> = lines.iter().map(Judged::new).collect();
     let of = |kind: &str| -> Vec<&Judged<'_>> {
         judged.iter().filter(|j| j.line["kind"] == kind).collect()
@@ -195,6 +195,11 @@ fn singles(judged: &[&Judged<'_>]) {
             or_named(site)
         );
     }
+    conditions(&shown);
+}
+
+/// Rates by what a site is like.
+fn conditions(shown: &[&Judged<'_>]) {
     println!("\n| where it shows | right first | in the set |\n|---|---|---|");
     let groups: [(&str, &str, &[f64]); 4] = [
         ("noise", "noise", &[0.000_5, 0.001, 0.002]),
@@ -207,11 +212,11 @@ fn singles(judged: &[&Judged<'_>]) {
         ),
     ];
     for (what, key, limits) in groups {
-        rates(what, &shown, limits, |s| s.number(key));
+        rates(what, shown, limits, |s| s.number(key));
     }
     rates(
         "leaves up to, times the noise",
-        &shown,
+        shown,
         &[2.0, 3.0, 10.0, f64::INFINITY],
         |s| s.left,
     );

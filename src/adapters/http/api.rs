@@ -132,7 +132,6 @@ async fn structure(State(context): State<Arc<Context>>, Path(site): Path<String>
     list(found.await, |record| json!(StructureDocument::from(record)))
 }
 
-/// Asks the store on a thread that may block.
 #[derive(Debug, Default, Deserialize)]
 struct FitsQuery {
     /// `joint`, the default, or `single`: fits of one event alone.
@@ -196,6 +195,7 @@ async fn effect(Path(name): Path<String>) -> Response {
     )
 }
 
+/// Asks the store on a thread that may block.
 pub(super) async fn ask<T: Send + 'static>(
     context: &Arc<Context>,
     question: impl FnOnce(&dyn Store, usize) -> Result<T, StoreError> + Send + 'static,

@@ -274,7 +274,7 @@ mod tests {
     #[tokio::test]
     async fn who_says_nothing_or_half_is_closed() {
         let limits = Limits {
-            head: Duration::from_millis(100),
+            head: Duration::from_secs(2),
             ..Limits::default()
         };
         let host = Host::start(hello(), limits).await;
