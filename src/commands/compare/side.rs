@@ -10,7 +10,7 @@ use crate::{
     adapters::{
         report::{Rival, Search},
         store::{SqliteOptions, SqliteStore, Store},
-        wire::v1::decode_parameter_set,
+        wire::v1::{decode_identified_set, decode_parameter_set},
     },
     commands::fitting::{self, Events, FitArgs},
     identification::{
@@ -164,7 +164,7 @@ fn read_file(path: &Path) -> Result<ParameterSet, CompareError> {
         path: path.to_path_buf(),
         source,
     })?;
-    decode_parameter_set(&document).map_err(|source| CompareError::Parameters {
+    decode_identified_set(&document).map_err(|source| CompareError::Parameters {
         path: path.to_path_buf(),
         source,
     })

@@ -5,15 +5,31 @@ use serde::{Deserialize, Serialize};
 use super::{
     DirectionProfileV1, ParameterSetV1,
     json::{nullable, ordered},
+    parameter_set::decode_without,
     words::outcome_name,
 };
 use crate::{
     adapters::wire::DocumentError,
-    identification::{Cost, DirectionOutcome, DirectionRecord, Identification, Solution},
+    identification::{
+        Cost, DirectionOutcome, DirectionRecord, Identification, ParameterSet, Solution,
+    },
 };
 
 /// Points kept of the objective along one direction: enough for its shape.
 const PROFILE_POINTS_MAX: usize = 24;
+
+/// Fields beside those of the parameter set, which its content hash does not cover.
+const BESIDE_THE_SET: [&str; 4] = ["solutions", "directions", "cost", "refused"];
+
+/// Reads the parameter set of an identification, or a set by itself, as
+/// [`decode_parameter_set`](super::decode_parameter_set) does.
+///
+/// # Errors
+///
+/// [`DocumentError`].
+pub fn decode_identified_set(document: &str) -> Result<ParameterSet, DocumentError> {
+    decode_without(document, &BESIDE_THE_SET)
+}
 
 /// Counterpart of [`Identification`]: the parameter set's fields and how it was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -197,6 +213,26 @@ mod tests {
 
     use super::*;
     use crate::adapters::wire::v1::examples;
+
+    #[test]
+    fn its_set_is_read_again_and_still_held_to_its_hash() {
+        let identification = examples::identification();
+        let document = IdentificationV1::new(&identification).unwrap();
+        let text = document.to_json().unwrap();
+        assert_eq!(decode_identified_set(&text).unwrap(), identification.set);
+        let alone = serde_json::to_string(&document.set).unwrap();
+        assert_eq!(decode_identified_set(&alone).unwrap(), identification.set);
+        for other in [
+            text.replacen('{', "{\"note\":1,", 1),
+            alone.replacen('{', "{\"cost\":1,", 1),
+        ] {
+            let refused = decode_identified_set(&other);
+            assert!(
+                matches!(refused, Err(DocumentError::HashDiffers { .. })),
+                "{refused:?}"
+            );
+        }
+    }
 
     #[test]
     fn the_fields_fixed_by_the_design_are_there() {

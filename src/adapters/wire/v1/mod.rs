@@ -39,7 +39,9 @@ pub use diagnosis::{
 pub use errors_of_fit::{ErrorSummaryV1, EventErrorsV1};
 pub use event::{EventSummaryV1, ReasonV1, ScreeningV1, encode_event_summary};
 pub use failures::{BinV1, CrossCorrelationV1, DependenceV1, EventFailureV1, SegmentResidualV1};
-pub use identification::{CostV1, DirectionV1, IdentificationV1, RefusedV1, SolutionV1};
+pub use identification::{
+    CostV1, DirectionV1, IdentificationV1, RefusedV1, SolutionV1, decode_identified_set,
+};
 pub use improvement::{ImprovementEndV1, ImprovementStepV1, ImprovementV1};
 pub(in crate::adapters) use json::rfc3339;
 pub use parameter_set::{

@@ -146,7 +146,20 @@ pub fn encode_parameter_set(set: &ParameterSet) -> Result<String, DocumentError>
 ///
 /// [`DocumentError`].
 pub fn decode_parameter_set(document: &str) -> Result<ParameterSet, DocumentError> {
-    let value: Value = serde_json::from_str(document).map_err(malformed)?;
+    decode_without(document, &[])
+}
+
+/// The same of a document that holds a set's fields and, all of them or none, `others` beside them.
+pub(super) fn decode_without(
+    document: &str,
+    others: &[&str],
+) -> Result<ParameterSet, DocumentError> {
+    let mut value: Value = serde_json::from_str(document).map_err(malformed)?;
+    if let Some(fields) = value.as_object_mut()
+        && others.iter().all(|other| fields.contains_key(*other))
+    {
+        fields.retain(|field, _| !others.contains(&field.as_str()));
+    }
     if let Some(found) = value.get("v").and_then(Value::as_u64)
         && found != VERSION
     {
