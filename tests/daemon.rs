@@ -339,15 +339,14 @@ fn a_real_recording_is_fitted_where_it_is_a_load_and_refused_where_it_is_transit
 }
 
 #[test]
-#[ignore = "minutes in an unoptimised build: cargo test --release --test daemon -- --ignored"]
 fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
-    let place = Place::diagnosing(&site_table("demo"));
+    let place = Place::diagnosing(&site_table("demo2"));
     let daemon = place.start();
     let runtime = runtime();
     let session = runtime.block_on(daemon.session());
     let keys = Keys::new(PREFIX);
     let diagnoses = runtime
-        .block_on(zenoh::documents(&session, &keys.diagnosis("demo")))
+        .block_on(zenoh::documents(&session, &keys.diagnosis("demo2")))
         .unwrap();
     let next = || -> Value {
         let document = runtime.block_on(async {
@@ -357,7 +356,7 @@ fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
         });
         serde_json::from_str(&document.unwrap()).unwrap()
     };
-    daemon.replay(&bundled("demo"));
+    daemon.replay(&bundled("demo2"));
 
     let usable = daemon.usable_events(8);
     // Whatever was diagnosed before all events were there does not count.
@@ -369,15 +368,15 @@ fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
     };
     assert_eq!(first["status"], "missing_effect", "{}", first["summary"]);
     let effect = first["answer_set"][0].as_str().unwrap().to_owned();
-    let latest = daemon.get("/api/v1/sites/demo/diagnoses/latest");
+    let latest = daemon.get("/api/v1/sites/demo2/diagnoses/latest");
     assert_eq!(latest.0, 200);
     assert_eq!(serde_json::from_str::<Value>(&latest.1).unwrap(), first);
-    let key = keys.diagnosis("demo");
+    let key = keys.diagnosis("demo2");
     let asked = zenoh::ask(&session, &key, Duration::from_secs(30));
     let answer: Value = serde_json::from_str(&runtime.block_on(asked).unwrap()).unwrap();
     assert_eq!(answer, first, "the answer is what was published");
 
-    let path = "/api/v1/sites/demo/structure";
+    let path = "/api/v1/sites/demo2/structure";
     let add = format!("{{\"add\": \"{effect}\", \"actor\": \"engineer\"}}");
     assert_eq!(daemon.post(path, None, &add).0, 401);
     assert_eq!(daemon.post(path, Some("not the token at all"), &add).0, 401);
@@ -400,7 +399,7 @@ fn a_hidden_effect_is_named_and_once_it_is_added_a_better_set_is_published() {
         error(&second)
     );
     let set = wait_for("a set with the effect", || {
-        let (status, body) = daemon.get("/api/v1/sites/demo/parameters");
+        let (status, body) = daemon.get("/api/v1/sites/demo2/parameters");
         let set: Value = serde_json::from_str(&body).ok()?;
         let parts = set["structure"].as_array()?;
         (status == 200 && parts.contains(&Value::from(effect.as_str()))).then_some(set)

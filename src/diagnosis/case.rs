@@ -216,6 +216,26 @@ impl<'a> Case<'a> {
         )
     }
 
+    /// The model of `fit` as it is quoted and published.
+    pub(super) fn narrowed(&self, fit: &ComposedFit) -> ComposedFit {
+        let options = &self.options.composed;
+        composed::narrowed(&self.judged, fit, options, self.watcher.cancel)
+    }
+
+    /// The same without the gate.
+    fn narrowed_without_gate(&self, fit: &ComposedFit) -> Result<ComposedFit, IdentificationError> {
+        let options = &self.options.composed;
+        let fit = self
+            .without_gate(fit, options)
+            .ok_or_else(|| self.failed())?;
+        Ok(composed::narrowed(
+            &self.part(false),
+            &fit,
+            options,
+            self.watcher.cancel,
+        ))
+    }
+
     /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely
     /// fitted: it begins where all events together led), composition of each event free to vary; infinite when they cannot be simulated. `None` without
     /// such events.
@@ -253,9 +273,7 @@ impl<'a> Case<'a> {
                 untouched,
             });
         }
-        let training = self
-            .without_gate(fit, &self.options.composed)
-            .ok_or_else(|| self.failed())?;
+        let training = self.narrowed_without_gate(fit)?;
         let model = load(structure, &training);
         Ok(StructureErrors {
             fit: self
@@ -307,9 +325,7 @@ impl<'a> Case<'a> {
         fit: &ComposedFit,
     ) -> Result<Identification, IdentificationError> {
         let (fitted, held, fit) = if self.untouched.is_empty() && self.has_gate() {
-            let training = self
-                .without_gate(fit, &self.options.composed)
-                .ok_or_else(|| self.failed())?;
+            let training = self.narrowed_without_gate(fit)?;
             (self.part(false), self.part(true), training)
         } else {
             (self.judged.clone(), self.untouched.clone(), fit.clone())

@@ -178,7 +178,8 @@ pub(super) fn decisive(
 
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be
 /// told from it, itself first. Those that may not be declared do not count, nor rivals that must
-/// stretch a parameter to its bound where the first need not.
+/// stretch a parameter to its bound where another need not. Between equals on what they were fitted to
+/// the held-out events decide, where they are followed far better with one than with another.
 pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> Vec<usize> {
     let allowed = |i: &usize| list[*i].1;
     let Some(best) = (0..list.len()).find(|i| allowed(i)) else {
@@ -196,6 +197,13 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
     if chosen.iter().any(|&i| !list[i].0.at_bound) {
         chosen.retain(|&i| !list[i].0.at_bound);
     }
+    let held_out = |i: usize| list[i].0.gate.map_or(0.0, |gate| gate.after);
+    let least = chosen
+        .iter()
+        .map(|&i| held_out(i))
+        .fold(f64::INFINITY, f64::min);
+    let most = options.rival_held_out_factor * least.max(ADEQUATE_FLOORS * options.floor);
+    chosen.retain(|&i| held_out(i) <= most);
     // An instrument that explains as much as the load is blamed first: it is the simpler cause.
     chosen.sort_by_key(|&i| list[i].0.physics);
     chosen
@@ -321,6 +329,30 @@ mod tests {
         ];
         assert_eq!(answer_set(&huge, &options), [0]);
         assert!(answer_set(&list[1..2], &options).is_empty());
+    }
+
+    #[test]
+    fn between_equals_the_held_out_events_decide() {
+        let options = ClaimOptions::default();
+        let with_gate = |delta_bic, after| {
+            let gate = Some(GateEvidence {
+                before: 400.0,
+                after,
+            });
+            let evidence = evidence(delta_bic, 0.4, true);
+            (Evidence { gate, ..evidence }, true)
+        };
+        let list = [
+            with_gate(-1008.0, 300.0),
+            with_gate(-1000.0, 0.6),
+            with_gate(-999.0, 4.0),
+        ];
+        assert_eq!(answer_set(&list, &options), [1, 2]);
+        let alike = [with_gate(-1008.0, 300.0), with_gate(-1000.0, 200.0)];
+        assert_eq!(answer_set(&alike, &options), [0, 1]);
+        // What is behind in the criterion is no equal, however well it follows the held-out events.
+        let behind = [with_gate(-1008.0, 300.0), with_gate(-900.0, 0.6)];
+        assert_eq!(answer_set(&behind, &options), [0]);
     }
 
     #[test]

@@ -95,7 +95,7 @@ pub const ERROR_TO_NOISE_FLOOR: f64 = 1.1;
 /// [`IdentificationError::NotSimulated`] as [`Case::errors`].
 pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, IdentificationError> {
     let structure = &round.asked.baseline.structure;
-    let fit = &round.asked.baseline.all;
+    let fit = &case.narrowed(&round.asked.baseline.all);
     let curves = case.curves(structure, fit)?;
     let failures: Vec<_> = curves
         .iter()
@@ -194,6 +194,14 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             None => vec!["the linear screen finds too little of it in the residuals".to_owned()],
             Some(e) => objections(e, &case.options.claim),
         };
+        // What may be added is shown as it would be published.
+        let fit = trial.fit.as_ref().map(|fit| {
+            if declared {
+                case.narrowed(fit)
+            } else {
+                fit.clone()
+            }
+        });
         let grouped = declared && answer.len() > 1;
         let names = || {
             answer
@@ -223,12 +231,11 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
                 String::new()
             },
             group,
-            parameters: trial
-                .fit
+            parameters: fit
                 .as_ref()
                 .map(|fit| composed_parameters(fit, trial.name()))
                 .unwrap_or_default(),
-            model: trial.fit.as_ref().map(FittedStructure::of),
+            model: fit.as_ref().map(FittedStructure::of),
             declared,
             refused,
         }

@@ -1,6 +1,7 @@
 //! Which events are fitted, which decide, and which stay untouched.
 
 use super::options::EventSplit;
+use crate::identification::hold_out::inner_events;
 
 /// From this many events on, some stay untouched.
 const UNTOUCHED_FROM: usize = 8;
@@ -19,8 +20,7 @@ pub(super) enum Use {
 
 /// The use of each event. `events` are `(name, lowest voltage)`.
 ///
-/// By default the events are ordered by depth and both held-out sets are spread evenly over the
-/// order, without its deepest event: what happens only there cannot be learnt from the others.
+/// By default both held-out sets are spread over the depths, as [`inner_events`] says.
 pub(super) fn uses(events: &[(&str, f64)], split: &EventSplit) -> Vec<Use> {
     match split {
         EventSplit::Named { gate, untouched } => {
@@ -46,11 +46,6 @@ fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
     if count < 2 {
         return uses;
     }
-    let mut order: Vec<usize> = (0..count).collect();
-    order.sort_by(|&a, &b| {
-        let deeper = events[a].1.total_cmp(&events[b].1);
-        deeper.then_with(|| events[a].0.cmp(events[b].0))
-    });
     let untouched = if count < UNTOUCHED_FROM {
         0
     } else {
@@ -58,17 +53,47 @@ fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
     };
     let gate = rounded(count as f64 * GATE_SHARE).clamp(1, count - 1 - untouched);
     let held = gate + untouched;
-    // Place k of the held-out events lies in the middle of the k-th of equal parts of the order.
-    for k in 0..held {
-        let place = 1 + (2 * k + 1) * (count - 1) / (2 * held);
-        let interleaved = untouched > 0 && (k + 1) * untouched / held > k * untouched / held;
-        uses[order[place]] = if interleaved {
-            Use::Untouched
-        } else {
-            Use::Gate
-        };
+    let chosen = inner_events(events, held);
+    for &event in &chosen {
+        uses[event] = Use::Gate;
+    }
+    // The gate is fitted in the end: it keeps what stands alone, and those with near neighbours stay
+    // untouched, one of each equal part of the depths.
+    for part in 0..untouched {
+        let of = &chosen[part * held / untouched..(part + 1) * held / untouched];
+        let nearest = of
+            .iter()
+            .min_by(|&&a, &&b| distance(events, a).total_cmp(&distance(events, b)));
+        if let Some(&event) = nearest {
+            uses[event] = Use::Untouched;
+        }
     }
     uses
+}
+
+/// How far apart the neighbours of an event in depth are, or twice the one that there is.
+fn distance(events: &[(&str, f64)], event: usize) -> f64 {
+    let own = events[event].1;
+    let others = || {
+        events
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| *i != event)
+            .map(|(_, e)| e.1)
+    };
+    let below = others()
+        .filter(|v| *v <= own)
+        .map(|v| own - v)
+        .reduce(f64::min);
+    let above = others()
+        .filter(|v| *v > own)
+        .map(|v| v - own)
+        .reduce(f64::min);
+    match (below, above) {
+        (Some(below), Some(above)) => below + above,
+        (Some(one), None) | (None, Some(one)) => 2.0 * one,
+        (None, None) => f64::INFINITY,
+    }
 }
 
 #[allow(

@@ -228,7 +228,7 @@ impl<'a> Stairs<'a> {
         dropped: Vec<String>,
         reason: String,
     ) -> Result<ImprovementStep, IdentificationError> {
-        let fit = &at.all;
+        let fit = &self.case.narrowed(&at.all);
         let errors = self.case.errors(&at.structure, fit)?;
         let curves = self.case.curves(&at.structure, fit)?;
         Ok(ImprovementStep {
@@ -242,7 +242,7 @@ impl<'a> Stairs<'a> {
                 .map(|(event, curves)| failure(event, curves))
                 .collect(),
             parameter_count: fit.free.len(),
-            delta_bic: fit.criterion() - self.first_bic,
+            delta_bic: at.all.criterion() - self.first_bic,
             set: self.case.conclude(&at.structure, fit)?.set,
         })
     }

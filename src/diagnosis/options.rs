@@ -59,6 +59,9 @@ pub struct ClaimOptions {
     pub rival_share_of_left: f64,
     /// ... or by at most so much, whatever the two say.
     pub delta_bic_near: f64,
+    /// A rival is left out whose held-out events leave more than this many times what those of the best
+    /// followed of its rivals leave (or twice the floor, if that is more).
+    pub rival_held_out_factor: f64,
     /// Weighted squares per row of a perfect model: what is below twice this is adequate.
     pub floor: f64,
     /// An effect is named where it brings the fit below this many times the floor.
@@ -84,6 +87,7 @@ impl Default for ClaimOptions {
             rival_share: 0.05,
             rival_share_of_left: 0.03,
             delta_bic_near: 10.0,
+            rival_held_out_factor: 4.0,
             floor: 0.7,
             reached_floors: 3.0,
             left_share: 0.03,

@@ -1,41 +1,99 @@
-//! Which events are held out: the same whatever the order or the time of arrival, and balanced
-//! over depth so that both sides see deep and shallow events.
+//! Which events are held out: the same whatever the order or the time of arrival, balanced over
+//! depth so that both sides see deep and shallow events, and leaving no wide gap to the fit.
 
 /// Splits events into fitted and held out. `events` are `(identifier, lowest voltage)`; returns the
 /// indices held out, ascending.
 ///
-/// The events are sorted by depth and cut into groups of about `1 / share`; of each group, the one
-/// whose identifier has the smallest hash is held out. Of two events one is held out, of one none.
+/// Of two events one is held out, of one none; the others as [`inner_events`] says.
 #[must_use]
 pub fn held_out(events: &[(&str, f64)], share: f64) -> Vec<usize> {
     if events.len() < 2 || share.is_nan() || share <= 0.0 {
         return Vec::new();
     }
-    let mut order: Vec<usize> = (0..events.len()).collect();
-    order.sort_by(|&a, &b| {
-        events[a]
-            .1
-            .total_cmp(&events[b].1)
-            .then_with(|| events[a].0.cmp(events[b].0))
-    });
     #[allow(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
         reason = "the quotient is a small positive number"
     )]
-    let groups = ((events.len() as f64 * share).round() as usize).clamp(1, events.len() - 1);
-    let mut chosen: Vec<usize> = (0..groups)
-        .filter_map(|g| {
-            let from = g * events.len() / groups;
-            let to = (g + 1) * events.len() / groups;
-            order[from..to]
-                .iter()
-                .copied()
-                .min_by_key(|&i| stable_hash(events[i].0))
-        })
-        .collect();
+    let count = ((events.len() as f64 * share).round() as usize).clamp(1, events.len() - 1);
+    let mut chosen = inner_events(events, count);
     chosen.sort_unstable();
     chosen
+}
+
+/// As many of the events as asked for, deep ones first: `(identifier, lowest voltage)` to indices.
+///
+/// What happens only in the deepest event, or between two depths far apart, cannot be learnt from
+/// other events: those are left to the fit. Of the events sorted by depth (equal ones by the hash of
+/// their identifiers) those go whose neighbours are nearest, so that the sum of the gaps that they
+/// leave is least. The deepest stays, so do both neighbours of one that goes, and of half again as
+/// many events in a row as there are for one that goes at least one goes: both sides see every depth. The
+/// idea is that of Kennard and Stone, Technometrics 11 (1969) 137-148: calibrate on a set that
+/// fills the space, test inside it.
+///
+/// At most one fewer than there are events; beyond half of them neighbours go together.
+#[must_use]
+pub fn inner_events(events: &[(&str, f64)], count: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..events.len()).collect();
+    order.sort_by(|&a, &b| {
+        let deeper = events[a].1.total_cmp(&events[b].1);
+        let by_hash = || stable_hash(events[a].0).cmp(&stable_hash(events[b].0));
+        deeper
+            .then_with(by_hash)
+            .then_with(|| events[a].0.cmp(events[b].0))
+    });
+    let count = count.min(events.len().saturating_sub(1));
+    if count == 0 {
+        return Vec::new();
+    }
+    let depths: Vec<f64> = order.iter().map(|&i| events[i].1).collect();
+    let farthest = (3 * events.len()).div_ceil(2 * count);
+    let places = narrowest_gaps(&depths, count, [2, farthest])
+        .or_else(|| narrowest_gaps(&depths, count, [1, farthest]))
+        .unwrap_or_else(|| (depths.len() - count..depths.len()).collect());
+    places.into_iter().map(|place| order[place]).collect()
+}
+
+/// The `count` places of the ascending `depths`, not the first, that leave the least sum of gaps,
+/// with distances of places (and to either end) within `spacing`; none where that cannot be.
+fn narrowest_gaps(depths: &[f64], count: usize, spacing: [usize; 2]) -> Option<Vec<usize>> {
+    let n = depths.len();
+    // The mildest event has no neighbour above: it counts as far away as the one below.
+    let gap = |place: usize| match depths.get(place + 1) {
+        Some(above) => above - depths[place - 1],
+        None => 2.0 * (depths[place] - depths[place - 1]),
+    };
+    // Least sum with the place as the last of as many as the row's number, and the place before it.
+    let mut rows: Vec<Vec<Option<(f64, usize)>>> = Vec::with_capacity(count);
+    for taken in 0..count {
+        let row = (0..n).map(|place| {
+            if place == 0 {
+                return None;
+            }
+            if taken == 0 {
+                return (place <= spacing[1]).then(|| (gap(place), 0));
+            }
+            let before = place.saturating_sub(spacing[1])..=place.saturating_sub(spacing[0]);
+            before
+                .filter_map(|b| rows[taken - 1][b].map(|(sum, _)| (sum + gap(place), b)))
+                .min_by(|x, y| x.0.total_cmp(&y.0))
+        });
+        let row = row.collect();
+        rows.push(row);
+    }
+    let last = (n.saturating_sub(spacing[1])..n)
+        .filter(|&place| rows[count - 1][place].is_some())
+        .min_by(|&a, &b| {
+            let sum = |place: usize| rows[count - 1][place].map_or(f64::INFINITY, |(sum, _)| sum);
+            sum(a).total_cmp(&sum(b))
+        })?;
+    let mut places = vec![last];
+    for row in rows.iter().skip(1).rev() {
+        let (_, before) = row[*places.last()?]?;
+        places.push(before);
+    }
+    places.reverse();
+    Some(places)
 }
 
 /// FNV-1a, 64 bits: the same on every machine and in every version of the program.
@@ -79,6 +137,39 @@ mod tests {
         assert_eq!(forward.len(), 4);
         let deep = forward.iter().filter(|n| **n < "event_06").count();
         assert_eq!(deep, 2);
+    }
+
+    #[test]
+    fn the_fit_keeps_the_deepest_event_and_those_that_stand_alone() {
+        let depths = [0.40, 0.42, 0.43, 0.60, 0.75, 0.76, 0.78, 0.92, 0.94];
+        let names: Vec<String> = (0..depths.len()).map(|i| format!("event_{i}")).collect();
+        let events: Vec<(&str, f64)> = names.iter().map(String::as_str).zip(depths).collect();
+        let chosen: Vec<f64> = inner_events(&events, 3)
+            .iter()
+            .map(|&i| depths[i])
+            .collect();
+        assert_eq!(chosen, [0.42, 0.76, 0.94]);
+        for count in 1..9 {
+            let chosen = inner_events(&events, count);
+            assert_eq!(chosen.len(), count);
+            assert!(!chosen.contains(&0));
+        }
+        assert_eq!(inner_events(&events, 20).len(), 8);
+        assert!(inner_events(&[], 1).is_empty());
+    }
+
+    #[test]
+    fn many_shallow_events_do_not_keep_the_deep_ones_from_being_tested() {
+        let deep = (0..8).map(|i| 0.3 + 0.07 * f64::from(i));
+        let depths: Vec<f64> = deep
+            .chain((0..32).map(|i| 0.9 + 0.003 * f64::from(i)))
+            .collect();
+        let names: Vec<String> = (0..depths.len()).map(|i| format!("event_{i:02}")).collect();
+        let events: Vec<(&str, f64)> = names.iter().map(String::as_str).zip(depths).collect();
+        let chosen = inner_events(&events, 13);
+        assert!(chosen.iter().any(|&i| i < 8));
+        // 40 events, 13 of them: at most five places apart, and never neighbours.
+        assert!(chosen.windows(2).all(|w| (2..=5).contains(&(w[1] - w[0]))));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::{
     Cost, IdentificationError, IdentificationOptions, OperatingPoint,
-    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline},
+    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed},
     edge_timing::align,
     evaluate::EventModel,
     fit::{Fit, FitSolution, SearchOptions, check, fit},
@@ -152,7 +152,7 @@ fn compose(
         let next = built.with(events, &effect, &options, cancel)?;
         built = next.ok_or_else(failed)?;
     }
-    Ok(Some(built.all))
+    Ok(Some(narrowed(events, &built.all, &options, cancel)))
 }
 
 /// Fits again with the weights that the fit before gives the samples, until they settle: cheap local

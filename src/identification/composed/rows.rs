@@ -40,6 +40,16 @@ impl Default for Scatter {
     }
 }
 
+impl Scatter {
+    /// Shares of the spreads: of the composition, and of effects.
+    pub(super) fn times(&self, [composition, effects]: [f64; 2]) -> Self {
+        Self {
+            composition: self.composition.map(|spread| composition * spread),
+            effect_share: effects * self.effect_share,
+        }
+    }
+}
+
 /// An event with everything that does not change during a fit.
 #[derive(Clone, Debug)]
 pub(super) struct EventRows<'a> {

@@ -1,0 +1,112 @@
+//! The last fit of a structure: what varies from event to event as narrow as the events allow.
+//!
+//! A fit that lets the composition of each event vary widely hardly pays when all events deviate to
+//! the same side, so its shared parameters, which are published and by which errors are quoted, may
+//! lie anywhere within that spread. Begun narrowly, the shared parameters explain what they can, and
+//! the spread is widened only where the events then still disagree (decision 0034).
+
+use super::{
+    coordinates::Coordinates,
+    covariance::EventCovariance,
+    fit::{ComposedFit, ComposedFitOptions, Place, fit_rows},
+    rows::EventRows,
+};
+use crate::identification::intake::PreparedEvent;
+
+/// Shares of the assumed spread, narrowest first.
+const SHARES: [f64; 5] = [0.062_5, 0.125, 0.25, 0.5, 1.0];
+/// A fit that leaves more than this per row does not follow the events: nothing is gained by moving it.
+const FOLLOWED: f64 = 4.0;
+/// Likelihoods that differ by less than this share of the weighted squares that are left are not told
+/// apart: what is left is not independent from sample to sample.
+const TOLD_SHARE_OF_LEFT: f64 = 0.03;
+
+/// `fit` moved to where the events agree best on the shared parameters, with no more spread
+/// than the events need there, at most that of `options`. As it was where it does not follow the
+/// events, or where no fit of narrower spread is found.
+#[must_use]
+pub fn narrowed(
+    events: &[PreparedEvent],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> ComposedFit {
+    if fit.chi_square_per_row() > FOLLOWED {
+        return fit.clone();
+    }
+    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    let again = |from: &ComposedFit, shares: [f64; 2]| {
+        let options = ComposedFitOptions {
+            scatter: options.scatter.times(shares),
+            ..*options
+        };
+        fit_rows(
+            &rows,
+            &from.model,
+            &from.parameters,
+            &from.free,
+            &options,
+            cancel,
+        )
+    };
+    let moved = || {
+        let narrowest = again(fit, [SHARES[0]; 2])?;
+        let shares = sufficient_shares(&rows, &narrowest, options, cancel)?;
+        if shares == [SHARES[0]; 2] {
+            Some(narrowest)
+        } else {
+            again(&narrowest, shares)
+        }
+    };
+    moved().unwrap_or_else(|| fit.clone())
+}
+
+/// The narrowest shares of the spreads under which the events are about as likely as under the best ones,
+/// with the parameters of `fit`.
+fn sufficient_shares(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<[f64; 2]> {
+    let coordinates = Coordinates::new(&fit.model, &fit.parameters, &fit.free);
+    let x = coordinates.unknowns(&fit.parameters);
+    let mut known = None;
+    let mut tried: Vec<Likelihood> = Vec::new();
+    for shares in SHARES.iter().flat_map(|c| SHARES.iter().map(|e| [*c, *e])) {
+        let scatter = options.scatter.times(shares);
+        let place = Place {
+            rows,
+            model: &fit.model,
+            coordinates: &coordinates,
+            scatter: &scatter,
+            cancel,
+        };
+        let problem = place.problem(&x, known)?;
+        let squares: f64 = problem.known_squares()?.iter().sum();
+        let determinants = problem
+            .covariances
+            .iter()
+            .map(EventCovariance::log_determinant);
+        tried.push(Likelihood {
+            shares,
+            minus_twice_logarithm: squares + determinants.sum::<f64>(),
+            squares,
+        });
+        known = problem.into_lowest();
+    }
+    let by_likelihood = |a: &&Likelihood, b: &&Likelihood| {
+        a.minus_twice_logarithm.total_cmp(&b.minus_twice_logarithm)
+    };
+    let best = tried.iter().min_by(by_likelihood)?;
+    let most = best.minus_twice_logarithm + TOLD_SHARE_OF_LEFT * best.squares;
+    let enough = tried.iter().find(|t| t.minus_twice_logarithm <= most)?;
+    Some(enough.shares)
+}
+
+/// How well a pair of shares explains the events.
+struct Likelihood {
+    shares: [f64; 2],
+    minus_twice_logarithm: f64,
+    squares: f64,
+}
