@@ -125,6 +125,10 @@ pub(super) fn trials(
     Ok(list)
 }
 
+/// What every motor does more or less: at the floor it needs what other effects need, however far it
+/// is ahead of them.
+const COMMON: [&str; 1] = ["frequency_scaled_power"];
+
 /// How near the best other effect comes to each.
 fn rank(list: &mut [Trial]) {
     let gains: Vec<f64> = (list.iter())
@@ -133,8 +137,13 @@ fn rank(list: &mut [Trial]) {
     for (place, trial) in list.iter_mut().enumerate() {
         let others = gains.iter().enumerate().filter(|(k, _)| *k != place);
         let best = others.map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let common = COMMON.contains(&trial.name());
         if let Some(evidence) = &mut trial.evidence {
-            evidence.runner_up = best / gains[place].max(f64::MIN_POSITIVE);
+            evidence.runner_up = if common {
+                f64::INFINITY
+            } else {
+                best / gains[place].max(f64::MIN_POSITIVE)
+            };
         }
     }
 }
