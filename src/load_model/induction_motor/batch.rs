@@ -14,11 +14,11 @@ use super::{
     Infeasible, MotorCoordinates, MotorOutput,
     advance::SERIES_REACH,
     input_pieces::Piece,
-    lanes::{InLanes, LaneScalar, Lanes, Slopes},
+    lanes::{InLanes, LaneScalar, Lanes, Slopes, SpreadSlopes},
     taylor::{LONG, SHORT, Series, StepConstants},
 };
 use crate::load_model::TerminalInput;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 use side_by_side::{Pending, SideBySide, Stack, Tails};
 use std::{marker::PhantomData, sync::OnceLock};
 use steps::{Step, steps};
@@ -143,7 +143,15 @@ fn simulate_batch_with_slopes_on(
     effort: Effort,
     sink: &mut impl BatchSink,
 ) -> Vec<Result<(), Infeasible>> {
-    let rough = matches!(effort, Effort::Rough { .. });
+    let rough = match effort {
+        Effort::Rough { .. } => true,
+        Effort::Exact if has_spread(arch) => {
+            return in_groups(motors, input, effort, sink, |group, sink| {
+                group.spread::<Exact, _>(arch, effort, sink);
+            });
+        }
+        Effort::Exact | Effort::Fixed { .. } => false,
+    };
     let mut members: Vec<usize> = Vec::new();
     let verdicts: Vec<_> = (motors.iter().enumerate())
         .map(|(member, motor)| {
@@ -168,7 +176,7 @@ fn simulate_batch_with_slopes_on(
         input: input.input,
         steps: input.steps(1),
     };
-    group.on_registers::<Rough, _>(arch, effort, sink);
+    group.with_slopes(arch, effort, sink);
     verdicts
 }
 
@@ -182,7 +190,7 @@ fn simulate_batch_on(
 ) -> Vec<Result<(), Infeasible>> {
     in_groups(motors, input, effort, sink, |group, sink| match effort {
         Effort::Fixed { .. } => {
-            arch.dispatch(group.with::<Fixed, _, REGISTERS_FIXED>(effort, sink));
+            arch.dispatch(group.with::<Fixed, Abreast, _, REGISTERS_FIXED>(effort, sink));
         }
         Effort::Exact => group.on_registers::<Exact, _>(arch, effort, sink),
         Effort::Rough { .. } => group.on_registers::<Rough, _>(arch, effort, sink),
@@ -246,30 +254,134 @@ struct Members<'a, A> {
 }
 
 impl<'a, A: LaneScalar> Members<'a, A> {
-    const fn with<'k, M, K, const W: usize>(
+    const fn with<'k, M, L, K, const W: usize>(
         self,
         effort: Effort,
         sink: &'k mut K,
-    ) -> Group<'a, 'k, A, K, M, W> {
+    ) -> Group<'a, 'k, A, K, M, L, W> {
         Group {
             of: self,
             effort,
             sink,
-            method: PhantomData,
+            how: PhantomData,
         }
+    }
+
+    const fn only(self, indices: &'a [usize]) -> Self {
+        Self { indices, ..self }
     }
 
     /// With one register of the fitting size per number: a rest that would leave half of one empty takes
     /// registers of half the size, which take half the time.
     fn on_registers<M: Method, K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
         let (wide, narrow) = split(arch, self.indices);
-        for (arch, indices) in [(arch, wide), (narrower(arch), narrow)] {
-            if !indices.is_empty() {
-                let some = Self { indices, ..self };
-                arch.dispatch(some.with::<M, K, REGISTERS_EXACT>(effort, sink));
+        if !wide.is_empty() {
+            let group = self.only(wide);
+            arch.dispatch(group.with::<M, Abreast, K, REGISTERS_EXACT>(effort, sink));
+        }
+        if !narrow.is_empty() {
+            let group = self.only(narrow);
+            on_half_registers(
+                arch,
+                group.with::<M, Abreast, K, REGISTERS_EXACT>(effort, sink),
+            );
+        }
+    }
+}
+
+impl Members<'_, Slopes> {
+    /// Numbers with derivatives in registers of half the size, of which four make one number: more at a time wait for
+    /// the slowest of more motors. A motor that is left over has its derivatives abreast.
+    fn with_slopes<K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
+        let single = has_spread(arch) && self.indices.len() % SPREAD_FROM == 1;
+        let (some, last) = self
+            .indices
+            .split_at(self.indices.len() - usize::from(single));
+        if !some.is_empty() {
+            let group = self.only(some);
+            on_half_registers(
+                arch,
+                group.with::<Rough, Abreast, K, REGISTERS_EXACT>(effort, sink),
+            );
+        }
+        if !last.is_empty() {
+            self.only(last).spread::<Rough, K>(arch, effort, sink);
+        }
+    }
+
+    /// One after the other, the derivatives of each abreast.
+    fn spread<M: Method, K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
+        for member in self.indices.chunks(1) {
+            let group = self
+                .only(member)
+                .with::<M, Spread, K, REGISTERS_EXACT>(effort, sink);
+            match arch {
+                #[cfg(target_arch = "x86_64")]
+                Arch::V4(all) => all.vectorize(HalfRegisters { simd: *all, group }),
+                #[cfg(target_arch = "x86_64")]
+                Arch::V3(simd) => simd.vectorize(HalfRegisters { simd, group }),
+                // Nobody asks for it: see `has_spread`.
+                _ => {}
             }
         }
     }
+}
+
+/// Lanes of the registers that numbers with derivatives take.
+const SPREAD_FROM: usize = 4;
+
+/// Whether a register holds the derivatives of a number.
+fn has_spread(arch: Arch) -> bool {
+    match arch {
+        #[cfg(target_arch = "x86_64")]
+        Arch::V4(_) | Arch::V3(_) => true,
+        _ => false,
+    }
+}
+
+/// Simulates a group in registers of at most half the largest size. Of these there are as many as of the largest.
+fn on_half_registers<G: WithSimd>(arch: Arch, group: G) -> G::Output {
+    match arch {
+        #[cfg(target_arch = "x86_64")]
+        Arch::V4(all) => all.vectorize(HalfRegisters { simd: *all, group }),
+        _ => arch.dispatch(group),
+    }
+}
+
+/// A group and the instruction set of the registers that it takes, compiled for one that has more.
+#[cfg(target_arch = "x86_64")]
+struct HalfRegisters<G> {
+    simd: pulp::x86::V3,
+    group: G,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<G: WithSimd> NullaryFnOnce for HalfRegisters<G> {
+    type Output = G::Output;
+
+    #[inline(always)]
+    fn call(self) -> G::Output {
+        self.group.with_simd(self.simd)
+    }
+}
+
+/// How the numbers of motors lie in registers.
+trait Layout<A: LaneScalar> {
+    /// Numbers of motors side by side.
+    type Numbers<S: Simd, const W: usize>: InLanes<S, W, Alone = A>;
+}
+
+/// A motor per lane, each derivative in registers of its own.
+struct Abreast;
+/// One motor, its derivatives in the lanes of one register.
+struct Spread;
+
+impl<A: LaneScalar> Layout<A> for Abreast {
+    type Numbers<S: Simd, const W: usize> = A::InLanes<S, W>;
+}
+
+impl Layout<Slopes> for Spread {
+    type Numbers<S: Simd, const W: usize> = SpreadSlopes<S, W>;
 }
 
 /// The members that fill registers, and the rest.
@@ -285,16 +397,6 @@ fn split(arch: Arch, members: &[usize]) -> (&[usize], &[usize]) {
     } else {
         members.len()
     })
-}
-
-fn narrower(arch: Arch) -> Arch {
-    #[cfg(target_arch = "x86_64")]
-    if let Arch::V4(_) = arch
-        && let Some(v3) = pulp::x86::V3::try_new()
-    {
-        return Arch::V3(v3);
-    }
-    arch
 }
 
 /// Steps per sample that the motor's rates at rest ask for; above [`PARTS_MAX`] where it runs alone.
@@ -367,8 +469,8 @@ trait Method {
     const EXACT: bool;
 
     /// Moves all lanes over a step.
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         stack: &mut Stack<S, W>,
     );
@@ -393,8 +495,8 @@ impl Method for Exact {
     const EXACT: bool = true;
 
     #[inline(always)]
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         stack: &mut Stack<S, W>,
     ) {
@@ -418,8 +520,8 @@ impl Method for Rough {
     const EXACT: bool = false;
 
     #[inline(always)]
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         stack: &mut Stack<S, W>,
     ) {
@@ -441,8 +543,8 @@ impl Method for Fixed {
     const EXACT: bool = false;
 
     #[inline(always)]
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         _: &mut Stack<S, W>,
     ) {
@@ -461,15 +563,15 @@ impl Method for Fixed {
 }
 
 /// Motors with the same steps, and how they are simulated.
-struct Group<'a, 'k, A, K, M, const W: usize> {
+struct Group<'a, 'k, A, K, M, L, const W: usize> {
     of: Members<'a, A>,
     effort: Effort,
     sink: &'k mut K,
-    method: PhantomData<M>,
+    how: PhantomData<(M, L)>,
 }
 
-impl<A: LaneScalar, K: BatchSink, M: Method, const W: usize> WithSimd
-    for Group<'_, '_, A, K, M, W>
+impl<A: LaneScalar, K: BatchSink, M: Method, L: Layout<A>, const W: usize> WithSimd
+    for Group<'_, '_, A, K, M, L, W>
 {
     type Output = ();
 
@@ -483,7 +585,8 @@ impl<A: LaneScalar, K: BatchSink, M: Method, const W: usize> WithSimd
         } = self.of;
         for members in indices.chunks(Lanes::<S, W>::COUNT) {
             let accuracy = self.effort.accuracy();
-            let mut side = SideBySide::<S, A, W>::new(simd, motors, members, (input, accuracy));
+            let mut side =
+                SideBySide::<S, L::Numbers<S, W>, W>::new(simd, motors, members, (input, accuracy));
             side.put(0, input.point(0), self.sink);
             let mut instant = 1;
             let Some(first) = steps.first() else {
