@@ -6,6 +6,7 @@
 //! error estimate above the tolerance, a rotor near standstill) is done for that lane alone, and very stiff
 //! motors run alone altogether.
 
+mod registers;
 mod side_by_side;
 mod standing;
 mod steps;
@@ -14,11 +15,12 @@ use super::{
     Infeasible, MotorCoordinates, MotorOutput,
     advance::SERIES_REACH,
     input_pieces::Piece,
-    lanes::{InLanes, LaneScalar, Lanes, Slopes, SpreadSlopes},
+    lanes::{InLanes, LaneScalar, Lanes, Slopes},
     taylor::{LONG, SHORT, Series, StepConstants},
 };
 use crate::load_model::TerminalInput;
-use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
+use pulp::{Arch, Simd, WithSimd};
+use registers::{Abreast, Layout, has_spread};
 use side_by_side::{Pending, SideBySide, Stack, Tails};
 use std::{marker::PhantomData, sync::OnceLock};
 use steps::{Step, steps};
@@ -270,133 +272,6 @@ impl<'a, A: LaneScalar> Members<'a, A> {
     const fn only(self, indices: &'a [usize]) -> Self {
         Self { indices, ..self }
     }
-
-    /// With one register of the fitting size per number: a rest that would leave half of one empty takes
-    /// registers of half the size, which take half the time.
-    fn on_registers<M: Method, K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
-        let (wide, narrow) = split(arch, self.indices);
-        if !wide.is_empty() {
-            let group = self.only(wide);
-            arch.dispatch(group.with::<M, Abreast, K, REGISTERS_EXACT>(effort, sink));
-        }
-        if !narrow.is_empty() {
-            let group = self.only(narrow);
-            on_half_registers(
-                arch,
-                group.with::<M, Abreast, K, REGISTERS_EXACT>(effort, sink),
-            );
-        }
-    }
-}
-
-impl Members<'_, Slopes> {
-    /// Numbers with derivatives in registers of half the size, of which four make one number: more at a time wait for
-    /// the slowest of more motors. A motor that is left over has its derivatives abreast.
-    fn with_slopes<K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
-        let single = has_spread(arch) && self.indices.len() % SPREAD_FROM == 1;
-        let (some, last) = self
-            .indices
-            .split_at(self.indices.len() - usize::from(single));
-        if !some.is_empty() {
-            let group = self.only(some);
-            on_half_registers(
-                arch,
-                group.with::<Rough, Abreast, K, REGISTERS_EXACT>(effort, sink),
-            );
-        }
-        if !last.is_empty() {
-            self.only(last).spread::<Rough, K>(arch, effort, sink);
-        }
-    }
-
-    /// One after the other, the derivatives of each abreast.
-    fn spread<M: Method, K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
-        for member in self.indices.chunks(1) {
-            let group = self
-                .only(member)
-                .with::<M, Spread, K, REGISTERS_EXACT>(effort, sink);
-            match arch {
-                #[cfg(target_arch = "x86_64")]
-                Arch::V4(all) => all.vectorize(HalfRegisters { simd: *all, group }),
-                #[cfg(target_arch = "x86_64")]
-                Arch::V3(simd) => simd.vectorize(HalfRegisters { simd, group }),
-                // Nobody asks for it: see `has_spread`.
-                _ => {}
-            }
-        }
-    }
-}
-
-/// Lanes of the registers that numbers with derivatives take.
-const SPREAD_FROM: usize = 4;
-
-/// Whether a register holds the derivatives of a number.
-fn has_spread(arch: Arch) -> bool {
-    match arch {
-        #[cfg(target_arch = "x86_64")]
-        Arch::V4(_) | Arch::V3(_) => true,
-        _ => false,
-    }
-}
-
-/// Simulates a group in registers of at most half the largest size. Of these there are as many as of the largest.
-fn on_half_registers<G: WithSimd>(arch: Arch, group: G) -> G::Output {
-    match arch {
-        #[cfg(target_arch = "x86_64")]
-        Arch::V4(all) => all.vectorize(HalfRegisters { simd: *all, group }),
-        _ => arch.dispatch(group),
-    }
-}
-
-/// A group and the instruction set of the registers that it takes, compiled for one that has more.
-#[cfg(target_arch = "x86_64")]
-struct HalfRegisters<G> {
-    simd: pulp::x86::V3,
-    group: G,
-}
-
-#[cfg(target_arch = "x86_64")]
-impl<G: WithSimd> NullaryFnOnce for HalfRegisters<G> {
-    type Output = G::Output;
-
-    #[inline(always)]
-    fn call(self) -> G::Output {
-        self.group.with_simd(self.simd)
-    }
-}
-
-/// How the numbers of motors lie in registers.
-trait Layout<A: LaneScalar> {
-    /// Numbers of motors side by side.
-    type Numbers<S: Simd, const W: usize>: InLanes<S, W, Alone = A>;
-}
-
-/// A motor per lane, each derivative in registers of its own.
-struct Abreast;
-/// One motor, its derivatives in the lanes of one register.
-struct Spread;
-
-impl<A: LaneScalar> Layout<A> for Abreast {
-    type Numbers<S: Simd, const W: usize> = A::InLanes<S, W>;
-}
-
-impl Layout<Slopes> for Spread {
-    type Numbers<S: Simd, const W: usize> = SpreadSlopes<S, W>;
-}
-
-/// The members that fill registers, and the rest.
-fn split(arch: Arch, members: &[usize]) -> (&[usize], &[usize]) {
-    let (whole, half) = match arch {
-        #[cfg(target_arch = "x86_64")]
-        Arch::V4(_) => (8, 4),
-        _ => (1, 0),
-    };
-    let rest = members.len() % whole;
-    members.split_at(if rest <= half {
-        members.len() - rest
-    } else {
-        members.len()
-    })
 }
 
 /// Steps per sample that the motor's rates at rest ask for; above [`PARTS_MAX`] where it runs alone.

@@ -10,7 +10,7 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use crate::numerics::{Arithmetic, Scalar, Sensitivities};
 
-pub use spread::SpreadSlopes;
+pub(super) use spread::SpreadSlopes;
 
 /// Most lanes of one vector register.
 const REGISTER_LANES_MAX: usize = 8;

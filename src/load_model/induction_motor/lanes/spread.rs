@@ -4,13 +4,12 @@ use pulp::Simd;
 use std::ops::{Add, Mul, Neg, Sub};
 
 use super::{InLanes, LANES_MAX, Lanes, Mask, REGISTER_LANES_MAX, SLOPES, Slopes};
-use crate::numerics::{Arithmetic, Scalar};
 
 /// One number with its derivatives: the value in every lane of its registers, the derivatives in the first lanes of
 /// theirs. Half the work of [`Sloped`](super::Sloped) in registers of the same size, with its bits. Needs registers of
 /// at least as many lanes as there are derivatives.
 #[derive(Clone, Copy, Debug)]
-pub struct SpreadSlopes<S: Simd, const W: usize> {
+pub(in super::super) struct SpreadSlopes<S: Simd, const W: usize> {
     value: Lanes<S, W>,
     slopes: Lanes<S, W>,
 }
