@@ -7,13 +7,18 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{evaluate::EventModel, intake::PreparedEvent};
+use super::{
+    evaluate::EventModel,
+    intake::{Edge, PreparedEvent},
+};
 
 /// Prior standard deviation of an instant, samples: that of a uniform distribution over one
 /// interval.
 const PRIOR_DEVIATION: f64 = 0.29;
 /// Step of the difference quotients, samples.
 const DIFFERENCE: f64 = 0.02;
+/// Least distance of an instant from the samples around it, samples.
+const LEAST_DISTANCE: f64 = 0.02;
 /// Rounds of the Gauss-Newton iteration at most.
 const ROUNDS_MAX: usize = 8;
 
@@ -35,7 +40,7 @@ pub fn align(model: &dyn EventModel, event: &PreparedEvent) -> PreparedEvent {
         };
         let mut largest = 0.0_f64;
         for (position, (edge, step)) in at.iter_mut().zip(event.edges.iter().zip(step.iter())) {
-            let moved = (*position + step).clamp(edge.left as f64 + 0.02, edge.right as f64 - 0.02);
+            let moved = kept_between(edge, *position + step);
             largest = largest.max((moved - *position).abs());
             *position = moved;
         }
@@ -44,6 +49,14 @@ pub fn align(model: &dyn EventModel, event: &PreparedEvent) -> PreparedEvent {
         }
     }
     event.with_edge_positions(&at)
+}
+
+/// The instant, moved to where it lies between the edge's samples.
+pub(super) fn kept_between(edge: &Edge, position: f64) -> f64 {
+    position.clamp(
+        edge.left as f64 + LEAST_DISTANCE,
+        edge.right as f64 - LEAST_DISTANCE,
+    )
 }
 
 fn gauss_newton_step(

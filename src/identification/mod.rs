@@ -30,6 +30,7 @@ pub mod scan_comparison;
 mod search;
 mod site_fit;
 pub mod solution;
+mod turns;
 pub mod validate;
 mod valley;
 pub mod verdict;

@@ -3,7 +3,7 @@
 use super::{
     Cost, IdentificationError, IdentificationOptions, OperatingPoint,
     composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed},
-    edge_timing::align,
+    edge_timing::{align, kept_between},
     evaluate::EventModel,
     fit::{Fit, FitSolution, SearchOptions, check, fit},
     identify::{median_operating_point, prepare_all, reduced_chi_square, split},
@@ -11,6 +11,7 @@ use super::{
     joint_problem::ProblemOptions,
     precision::Precision,
     robust::{RobustLoss, SampleWeights, sample_weights},
+    turns::Turns,
 };
 use crate::{disturbance::Window, load_model::Structure};
 
@@ -203,7 +204,7 @@ fn fit_again_robustly(
 }
 
 /// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
-/// explain P and Q best, until the objective settles. Events that no local solution follows to within
+/// explain P and Q best, until objective and instants settle. Events that no local solution follows to within
 /// [`SearchOptions::explored_below_per_row`] are not explored.
 ///
 /// # Errors
@@ -216,9 +217,8 @@ pub fn fit_aligned(
     search: &SearchOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<(Fit, Vec<PreparedEvent>), IdentificationError> {
-    const ROUNDS_MAX: usize = 8;
-    const SETTLED: f64 = 0.01;
-    let mut before: Option<f64> = None;
+    const ROUNDS_MAX: usize = 12;
+    let mut turns = Turns::default();
     let mut spent = Cost::default();
     let open = events.iter().any(PreparedEvent::instants_open);
     // Where the jumps are is settled by local solutions alone, and explored from there.
@@ -242,18 +242,41 @@ pub fn fit_aligned(
             break;
         };
         let objective = best.point.objective;
-        let settled =
-            !open || before.is_some_and(|b| b - objective < SETTLED * b) || round % ROUNDS_MAX == 0;
-        before = Some(objective);
+        let next = open.then(|| {
+            let aligned: Vec<_> = events.iter().map(|e| align(&best.model, e)).collect();
+            turns.next(objective, &instants(&events), &instants(&aligned))
+        });
+        let settled = next.as_ref().is_none_or(|next| next.settled) || round % ROUNDS_MAX == 0;
         let near = 2.0 * objective < search.explored_below_per_row * rows as f64;
-        if settled && !exploring && near {
-            exploring = true;
-        } else if settled {
-            found.scan = check(&events, problem, search, &found.solutions, cancel);
-            return Ok((found, events));
-        } else {
-            events = events.iter().map(|e| align(&best.model, e)).collect();
+        match next {
+            _ if settled && !exploring && near => exploring = true,
+            Some(next) if !settled => events = with_instants(&events, &next.instants),
+            _ => {
+                found.scan = check(&events, problem, search, &found.solutions, cancel);
+                return Ok((found, events));
+            }
         }
     }
     Err(IdentificationError::NoSolution)
+}
+
+/// The instants of all jumps, event after event.
+fn instants(events: &[PreparedEvent]) -> Vec<f64> {
+    let edges = events.iter().flat_map(|event| &event.edges);
+    edges.map(|edge| edge.position).collect()
+}
+
+/// The events with their jumps at these instants, each kept between its samples.
+fn with_instants(events: &[PreparedEvent], instants: &[f64]) -> Vec<PreparedEvent> {
+    let mut instants = instants.iter();
+    let mut moved = |event: &PreparedEvent| {
+        let pairs = event.edges.iter().zip(instants.by_ref());
+        let positions: Vec<f64> = pairs.map(|(edge, at)| kept_between(edge, *at)).collect();
+        if event.instants_open() {
+            event.with_edge_positions(&positions)
+        } else {
+            event.clone()
+        }
+    };
+    events.iter().map(&mut moved).collect()
 }

@@ -6,6 +6,7 @@
 //! error estimate above the tolerance, a rotor near standstill) is done for that lane alone, and very stiff
 //! motors run alone altogether.
 
+mod registers;
 mod side_by_side;
 mod standing;
 mod steps;
@@ -19,6 +20,7 @@ use super::{
 };
 use crate::load_model::TerminalInput;
 use pulp::{Arch, Simd, WithSimd};
+use registers::{Abreast, Layout, has_spread};
 use side_by_side::{Pending, SideBySide, Stack, Tails};
 use std::{marker::PhantomData, sync::OnceLock};
 use steps::{Step, steps};
@@ -143,7 +145,15 @@ fn simulate_batch_with_slopes_on(
     effort: Effort,
     sink: &mut impl BatchSink,
 ) -> Vec<Result<(), Infeasible>> {
-    let rough = matches!(effort, Effort::Rough { .. });
+    let rough = match effort {
+        Effort::Rough { .. } => true,
+        Effort::Exact if has_spread(arch) => {
+            return in_groups(motors, input, effort, sink, |group, sink| {
+                group.spread::<Exact, _>(arch, effort, sink);
+            });
+        }
+        Effort::Exact | Effort::Fixed { .. } => false,
+    };
     let mut members: Vec<usize> = Vec::new();
     let verdicts: Vec<_> = (motors.iter().enumerate())
         .map(|(member, motor)| {
@@ -168,7 +178,7 @@ fn simulate_batch_with_slopes_on(
         input: input.input,
         steps: input.steps(1),
     };
-    group.on_registers::<Rough, _>(arch, effort, sink);
+    group.with_slopes(arch, effort, sink);
     verdicts
 }
 
@@ -182,7 +192,7 @@ fn simulate_batch_on(
 ) -> Vec<Result<(), Infeasible>> {
     in_groups(motors, input, effort, sink, |group, sink| match effort {
         Effort::Fixed { .. } => {
-            arch.dispatch(group.with::<Fixed, _, REGISTERS_FIXED>(effort, sink));
+            arch.dispatch(group.with::<Fixed, Abreast, _, REGISTERS_FIXED>(effort, sink));
         }
         Effort::Exact => group.on_registers::<Exact, _>(arch, effort, sink),
         Effort::Rough { .. } => group.on_registers::<Rough, _>(arch, effort, sink),
@@ -246,55 +256,22 @@ struct Members<'a, A> {
 }
 
 impl<'a, A: LaneScalar> Members<'a, A> {
-    const fn with<'k, M, K, const W: usize>(
+    const fn with<'k, M, L, K, const W: usize>(
         self,
         effort: Effort,
         sink: &'k mut K,
-    ) -> Group<'a, 'k, A, K, M, W> {
+    ) -> Group<'a, 'k, A, K, M, L, W> {
         Group {
             of: self,
             effort,
             sink,
-            method: PhantomData,
+            how: PhantomData,
         }
     }
 
-    /// With one register of the fitting size per number: a rest that would leave half of one empty takes
-    /// registers of half the size, which take half the time.
-    fn on_registers<M: Method, K: BatchSink>(self, arch: Arch, effort: Effort, sink: &mut K) {
-        let (wide, narrow) = split(arch, self.indices);
-        for (arch, indices) in [(arch, wide), (narrower(arch), narrow)] {
-            if !indices.is_empty() {
-                let some = Self { indices, ..self };
-                arch.dispatch(some.with::<M, K, REGISTERS_EXACT>(effort, sink));
-            }
-        }
+    const fn only(self, indices: &'a [usize]) -> Self {
+        Self { indices, ..self }
     }
-}
-
-/// The members that fill registers, and the rest.
-fn split(arch: Arch, members: &[usize]) -> (&[usize], &[usize]) {
-    let (whole, half) = match arch {
-        #[cfg(target_arch = "x86_64")]
-        Arch::V4(_) => (8, 4),
-        _ => (1, 0),
-    };
-    let rest = members.len() % whole;
-    members.split_at(if rest <= half {
-        members.len() - rest
-    } else {
-        members.len()
-    })
-}
-
-fn narrower(arch: Arch) -> Arch {
-    #[cfg(target_arch = "x86_64")]
-    if let Arch::V4(_) = arch
-        && let Some(v3) = pulp::x86::V3::try_new()
-    {
-        return Arch::V3(v3);
-    }
-    arch
 }
 
 /// Steps per sample that the motor's rates at rest ask for; above [`PARTS_MAX`] where it runs alone.
@@ -367,8 +344,8 @@ trait Method {
     const EXACT: bool;
 
     /// Moves all lanes over a step.
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         stack: &mut Stack<S, W>,
     );
@@ -393,8 +370,8 @@ impl Method for Exact {
     const EXACT: bool = true;
 
     #[inline(always)]
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         stack: &mut Stack<S, W>,
     ) {
@@ -418,8 +395,8 @@ impl Method for Rough {
     const EXACT: bool = false;
 
     #[inline(always)]
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         stack: &mut Stack<S, W>,
     ) {
@@ -441,8 +418,8 @@ impl Method for Fixed {
     const EXACT: bool = false;
 
     #[inline(always)]
-    fn step<S: Simd, A: LaneScalar, const W: usize>(
-        side: &mut SideBySide<'_, S, A, W>,
+    fn step<S: Simd, N: InLanes<S, W>, const W: usize>(
+        side: &mut SideBySide<'_, S, N, W>,
         step: &Step,
         _: &mut Stack<S, W>,
     ) {
@@ -461,15 +438,15 @@ impl Method for Fixed {
 }
 
 /// Motors with the same steps, and how they are simulated.
-struct Group<'a, 'k, A, K, M, const W: usize> {
+struct Group<'a, 'k, A, K, M, L, const W: usize> {
     of: Members<'a, A>,
     effort: Effort,
     sink: &'k mut K,
-    method: PhantomData<M>,
+    how: PhantomData<(M, L)>,
 }
 
-impl<A: LaneScalar, K: BatchSink, M: Method, const W: usize> WithSimd
-    for Group<'_, '_, A, K, M, W>
+impl<A: LaneScalar, K: BatchSink, M: Method, L: Layout<A>, const W: usize> WithSimd
+    for Group<'_, '_, A, K, M, L, W>
 {
     type Output = ();
 
@@ -483,7 +460,8 @@ impl<A: LaneScalar, K: BatchSink, M: Method, const W: usize> WithSimd
         } = self.of;
         for members in indices.chunks(Lanes::<S, W>::COUNT) {
             let accuracy = self.effort.accuracy();
-            let mut side = SideBySide::<S, A, W>::new(simd, motors, members, (input, accuracy));
+            let mut side =
+                SideBySide::<S, L::Numbers<S, W>, W>::new(simd, motors, members, (input, accuracy));
             side.put(0, input.point(0), self.sink);
             let mut instant = 1;
             let Some(first) = steps.first() else {

@@ -3,10 +3,14 @@
 //! Every operation is the scalar one lane by lane and none is contracted (no fused multiply-add), so a
 //! lane has the bits of the scalar run on every instruction set.
 
+mod spread;
+
 use pulp::Simd;
 use std::ops::{Add, Mul, Neg, Sub};
 
 use crate::numerics::{Arithmetic, Scalar, Sensitivities};
+
+pub(super) use spread::SpreadSlopes;
 
 /// Most lanes of one vector register.
 const REGISTER_LANES_MAX: usize = 8;

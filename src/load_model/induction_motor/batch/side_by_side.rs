@@ -6,7 +6,7 @@ use super::super::{
     MotorCoordinates,
     advance::{Mover, SERIES_REACH, State},
     input_pieces::{DEGREE, Piece},
-    lanes::{InLanes, LANES_MAX, LaneScalar, Lanes, Mask},
+    lanes::{InLanes, LANES_MAX, Lanes, Mask},
     power,
     taylor::{Ending, LONG, Series, StepConstants},
 };
@@ -18,21 +18,21 @@ use super::{
 use crate::{load_model::TerminalInput, numerics::Scalar};
 
 /// The lanes of some motors and, for what a lane does alone, their scalar movers.
-pub(super) struct SideBySide<'a, S: Simd, A: LaneScalar, const W: usize> {
+pub(super) struct SideBySide<'a, S: Simd, N: InLanes<S, W>, const W: usize> {
     simd: S,
     members: &'a [usize],
-    movers: [Mover<A>; LANES_MAX],
-    alpha: A::InLanes<S, W>,
-    nu: A::InLanes<S, W>,
-    load: A::InLanes<S, W>,
+    movers: [Mover<N::Alone>; LANES_MAX],
+    alpha: N,
+    nu: N,
+    load: N,
     tolerance: Lanes<S, W>,
     /// Real part of the flux at rest.
     rest_real: Lanes<S, W>,
-    strength: A::InLanes<S, W>,
+    strength: N,
     standstill: Lanes<S, W>,
-    state: [A::InLanes<S, W>; 3],
+    state: [N; 3],
     pub(super) standing: Mask<S, W>,
-    at_standstill: Standstill<S, A, W>,
+    at_standstill: Standstill<S, N, W>,
     /// Speed of the field over a standing rotor, rad/s.
     sweep: f64,
     /// How often each lane halves a step before it tries it, and how often at least.
@@ -52,21 +52,20 @@ pub(super) struct Pending<S: Simd, const W: usize> {
 /// One entry per level of halving, and the part in hand. Filled once, as it is as large as many registers.
 pub(super) type Stack<S, const W: usize> = [Pending<S, W>; HALVINGS_MAX + 2];
 
-impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
+impl<'a, S: Simd, N: InLanes<S, W>, const W: usize> SideBySide<'a, S, N, W> {
     #[inline(always)]
     pub(super) fn new(
         simd: S,
-        motors: &[MotorCoordinates<A>],
+        motors: &[MotorCoordinates<N::Alone>],
         members: &'a [usize],
         (input, accuracy): (&TerminalInput, f64),
     ) -> Self {
         // Lanes without a motor repeat the first.
         let motor = |lane: usize| motors[members[if lane < members.len() { lane } else { 0 }]];
         let movers = std::array::from_fn(|lane| mover(&motor(lane), input, accuracy));
-        let gather =
-            |of: &dyn Fn(usize) -> A| <A::InLanes<S, W> as InLanes<S, W>>::gather(simd, of);
+        let gather = |of: &dyn Fn(usize) -> N::Alone| N::gather(simd, of);
         let numbers = |of: &dyn Fn(usize) -> f64| Lanes::<S, W>::gather(simd, of);
-        let movers_of: &[Mover<A>; LANES_MAX] = &movers;
+        let movers_of: &[Mover<N::Alone>; LANES_MAX] = &movers;
         let rest = |i: usize| gather(&|lane| movers_of[lane].rest()[i]);
         Self {
             simd,
@@ -76,7 +75,7 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
             load: rest(1),
             tolerance: numbers(&|lane| movers_of[lane].tolerance()),
             rest_real: rest(0).part(0),
-            strength: gather(&|lane| A::constant(2.0) / motor(lane).kappa),
+            strength: gather(&|lane| N::Alone::constant(2.0) / motor(lane).kappa),
             standstill: numbers(&|lane| movers_of[lane].standstill()),
             state: [rest(0), rest(1), rest(2)],
             standing: Lanes::splat(simd, 1.0).less_than(Lanes::splat(simd, 0.0)),
@@ -167,7 +166,7 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
     #[inline(always)]
     pub(super) fn halve_as_rates_ask(&mut self, input: &TerminalInput, step_s: f64) {
         let halvings = |lane: usize| {
-            let motor: &Mover<A> = &self.movers[lane];
+            let motor: &Mover<N::Alone> = &self.movers[lane];
             let parts = parts_for_rate(motor.rate_at_rest(), input);
             let steps = (input.sample_interval_s / step_s).round().max(1.0);
             let halvings = (parts as f64 / steps).log2().ceil();
@@ -251,15 +250,20 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
             mask.select(one, zero).store(column);
         }
         let [mut standing, marked] = masks;
-        let mut columns = [[A::constant(0.0); LANES_MAX]; 3];
+        let mut columns = [[N::Alone::constant(0.0); LANES_MAX]; 3];
         for (column, lanes) in columns.iter_mut().zip(self.state) {
             lanes.scatter(column);
         }
-        #[allow(
-            clippy::needless_range_loop,
-            reason = "a lane is an index into five columns"
-        )]
+        // Lanes without a motor repeat the first.
+        let members = self.members.len();
         for lane in 0..Lanes::<S, W>::COUNT {
+            if lane >= members {
+                for column in &mut columns {
+                    column[lane] = column[0];
+                }
+                standing[lane] = standing[0];
+                continue;
+            }
             if marked[lane] < 0.5 {
                 continue;
             }
@@ -303,7 +307,7 @@ impl<'a, S: Simd, A: LaneScalar, const W: usize> SideBySide<'a, S, A, W> {
         active.part(0).store(&mut p);
         reactive.part(0).store(&mut q);
         sink.output(instant, self.members, &p[..count], &q[..count]);
-        for i in 1..<A::InLanes<S, W> as InLanes<S, W>>::PARTS {
+        for i in 1..N::PARTS {
             active.part(i).store(&mut p);
             reactive.part(i).store(&mut q);
             sink.slope(instant, self.members, i - 1, &p[..count], &q[..count]);
@@ -324,6 +328,7 @@ pub(super) struct Tails<S: Simd, N, const W: usize> {
     decay: Lanes<S, W>,
     beyond: [f64; 3],
     running: Mask<S, W>,
+    /// Of lanes whose series has ended; of the others the start.
     end: [N; 3],
 }
 
@@ -351,12 +356,15 @@ impl<S: Simd, N: InLanes<S, W>, const W: usize, const TERMS: usize> Ending<N, TE
             further = further.or(self.tolerance.less_than(input));
         }
         let still = self.running.and(further);
-        let [a, b, r] = series.sum(order);
-        self.end = [
-            InLanes::select(self.running, a, self.end[0]),
-            InLanes::select(self.running, b, self.end[1]),
-            InLanes::select(self.running, r, self.end[2]),
-        ];
+        let ended = self.running.and_not(still);
+        if !ended.none() {
+            let [a, b, r] = series.sum(order);
+            self.end = [
+                InLanes::select(ended, a, self.end[0]),
+                InLanes::select(ended, b, self.end[1]),
+                InLanes::select(ended, r, self.end[2]),
+            ];
+        }
         self.running = still;
         still.none()
     }

@@ -11,7 +11,7 @@ use pulp::Simd;
 use super::super::{
     advance::Mover,
     input_pieces::DEGREE,
-    lanes::{InLanes, LANES_MAX, LaneScalar, Lanes, Mask},
+    lanes::{InLanes, LANES_MAX, Lanes, Mask},
 };
 use super::steps::Part;
 use crate::numerics::{Arithmetic, Scalar};
@@ -33,29 +33,34 @@ struct Form<N> {
 
 /// The forms for steps of one length.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Standstill<S: Simd, A: LaneScalar, const W: usize> {
+pub(super) struct Standstill<S: Simd, N: InLanes<S, W>, const W: usize> {
     /// Length of the steps, seconds; not a number before the first.
     duration_s: f64,
-    end: Form<A::InLanes<S, W>>,
+    end: Form<N>,
     /// At the checks before the end; without derivatives.
     inside: [Form<Lanes<S, W>>; CHECKS - 1],
 }
 
-impl<S: Simd, A: LaneScalar, const W: usize> Standstill<S, A, W> {
+impl<S: Simd, N: InLanes<S, W>, const W: usize> Standstill<S, N, W> {
     /// For no step yet.
     #[inline(always)]
     pub(super) fn new(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         Self {
             duration_s: f64::NAN,
-            end: Form::filled(A::InLanes::constant(zero)),
+            end: Form::filled(N::constant(zero)),
             inside: [Form::filled(zero); CHECKS - 1],
         }
     }
 
     /// Makes the forms those of steps of `duration_s`.
     #[inline(always)]
-    pub(super) fn prepare(&mut self, simd: S, movers: &[Mover<A>; LANES_MAX], duration_s: f64) {
+    pub(super) fn prepare(
+        &mut self,
+        simd: S,
+        movers: &[Mover<N::Alone>; LANES_MAX],
+        duration_s: f64,
+    ) {
         if self.duration_s.to_bits() != duration_s.to_bits() {
             self.remake(simd, movers, duration_s);
         }
@@ -63,14 +68,14 @@ impl<S: Simd, A: LaneScalar, const W: usize> Standstill<S, A, W> {
 
     #[cold]
     #[inline(never)]
-    fn remake(&mut self, simd: S, movers: &[Mover<A>; LANES_MAX], duration_s: f64) {
+    fn remake(&mut self, simd: S, movers: &[Mover<N::Alone>; LANES_MAX], duration_s: f64) {
         self.duration_s = duration_s;
         let lanes = Lanes::<S, W>::COUNT;
-        let mut forms = [Form::filled(A::constant(0.0)); LANES_MAX];
+        let mut forms = [Form::filled(N::Alone::constant(0.0)); LANES_MAX];
         for (form, mover) in forms.iter_mut().zip(movers).take(lanes) {
             *form = Form::after(1.0, mover.alpha(), mover.standstill(), duration_s);
         }
-        let gathered = |of: &dyn Fn(usize) -> A| A::InLanes::gather(simd, of);
+        let gathered = |of: &dyn Fn(usize) -> N::Alone| N::gather(simd, of);
         self.end = Form {
             flux: [0, 1].map(|c: usize| gathered(&|lane| forms[lane].flux[c])),
             phasor: std::array::from_fn(|k| {
@@ -99,10 +104,10 @@ impl<S: Simd, A: LaneScalar, const W: usize> Standstill<S, A, W> {
     #[inline(always)]
     pub(super) fn moved(
         &self,
-        flux: [A::InLanes<S, W>; 2],
+        flux: [N; 2],
         load: Lanes<S, W>,
         part: &Part,
-    ) -> ([A::InLanes<S, W>; 2], Mask<S, W>) {
+    ) -> ([N; 2], Mask<S, W>) {
         let u = &part.piece.phasor;
         let terms = if part.beyond[0] <= CUBIC { 4 } else { TERMS };
         let end = self.end.at(flux, u, terms);

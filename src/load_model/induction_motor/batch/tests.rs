@@ -243,6 +243,24 @@ fn rough_slopes_depend_neither_on_companions_nor_on_the_instruction_set() {
 }
 
 #[test]
+fn exact_slopes_have_the_bits_of_each_motor_alone() {
+    let motors = motors();
+    let all = with_slopes(Arch::new(), &motors, Effort::Exact);
+    let input = input(false);
+    for (i, motor) in motors.iter().enumerate() {
+        let mut alone = MotorOutput::default();
+        if sensitive(motor).simulate(&input, &mut alone).is_err() {
+            assert!(all.0[i].is_empty(), "motor {i}");
+            continue;
+        }
+        let expected = (alone.active.iter())
+            .map(|p| [p.value, p.slope(0), p.slope(1), p.slope(2)].map(f64::to_bits));
+        let got = all.0[i].iter().map(|row| row.map(f64::to_bits));
+        assert!(expected.eq(got), "motor {i}");
+    }
+}
+
+#[test]
 fn a_rough_simulation_is_as_near_to_the_exact_one_as_its_looseness_says() {
     let motors = motors();
     let exact = with_slopes(Arch::new(), &motors, Effort::Exact);
