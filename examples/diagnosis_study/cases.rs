@@ -25,6 +25,7 @@ pub(crate) struct Case {
     seed: u64,
     number: u64,
     hidden: Hidden,
+    composition_spread: f64,
 }
 
 /// Descriptions that the truth calls equal.
@@ -81,6 +82,15 @@ impl Case {
             seed,
             number,
             hidden,
+            composition_spread: StudyShape::default().composition_spread,
+        }
+    }
+
+    /// The case of another spread of the composition from event to event.
+    pub(crate) fn spread(self, composition_spread: f64) -> Self {
+        Self {
+            composition_spread,
+            ..self
         }
     }
 
@@ -106,6 +116,7 @@ impl Case {
             noise: of(&[0.001, 0.000_5, 0.002], 1),
             rate_fps: of(&[60.0, 50.0, 120.0, 30.0], 2),
             events: [10, 12, 8, 6][usize::try_from(self.number % 4).unwrap()],
+            composition_spread: self.composition_spread,
             ..StudyShape::default()
         }
     }

@@ -1,6 +1,6 @@
 //! How often the diagnosis is right, on generated sites whose truth is known.
 //!
-//! `cargo run --release --example diagnosis_study -- [--seed N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--plain N] --lines FILE`
+//! `cargo run --release --example diagnosis_study -- [--seed N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--plain N] [--composition-spread SHARE] --lines FILE`
 //! tries every effect of the truth simulator in `--sites` sites of its own, pairs of effects in `--pairs`,
 //! effects taken out of the catalogue in `--outside` sites each, nothing hidden in `--plain`: one line of
 //! JSON per site is added to `--lines`, and what is there already is not tried again.
@@ -36,6 +36,7 @@ struct Arguments {
     pairs: u64,
     outside: u64,
     plain: u64,
+    composition_spread: Option<f64>,
     only: Option<String>,
     lines: Option<String>,
     summary: Option<String>,
@@ -55,6 +56,7 @@ fn arguments() -> Arguments {
             "--pairs" => found.pairs = value.parse().unwrap(),
             "--outside" => found.outside = value.parse().unwrap(),
             "--plain" => found.plain = value.parse().unwrap(),
+            "--composition-spread" => found.composition_spread = Some(value.parse().unwrap()),
             "--only" => found.only = Some(value),
             "--lines" => found.lines = Some(value),
             "--summary" => found.summary = Some(value),
@@ -85,7 +87,11 @@ fn cases(asked: &Arguments) -> Vec<Case> {
     let pairs = (0..asked.pairs).filter_map(|number| Hidden::pair(number).map(|p| (number, p)));
     cases.extend(pairs.map(|(number, pair)| Case::new(asked.seed, number, pair)));
     cases.extend((0..asked.plain).map(|number| Case::new(asked.seed, number, Hidden::Nothing)));
-    cases
+    let spread = |case: Case| match asked.composition_spread {
+        Some(composition_spread) => case.spread(composition_spread),
+        None => case,
+    };
+    cases.into_iter().map(spread).collect()
 }
 
 fn read(path: &str) -> Vec<Value> {

@@ -76,6 +76,10 @@ pub enum Reference {
     LogarithmOfGroupAdmittance,
     /// An impedance that is there whatever the load, `~ P0/V0^2`.
     FixedImpedance,
+    /// A voltage that a relay, a rectifier or iron knows, in pu of the nominal one, `~ 1/V0`.
+    Voltage,
+    /// An admittance on the power of a group of loads that draw constant power, `~ V0^2`.
+    GroupAdmittance,
 }
 
 impl Reference {
@@ -88,8 +92,22 @@ impl Reference {
             Self::LogarithmOfGroupAdmittance => return (declared + square.ln(), 1.0),
             Self::GroupImpedance => 1.0 / square,
             Self::FixedImpedance => p0_pu / square,
+            Self::Voltage => 1.0 / v0_pu,
+            Self::GroupAdmittance => square,
         };
         (factor * declared, factor)
+    }
+
+    /// Where a declared value holds, in words; `None` where that is everywhere.
+    const fn holds(self) -> Option<&'static str> {
+        match self {
+            Self::Anywhere => None,
+            Self::GroupImpedance | Self::LogarithmOfGroupAdmittance | Self::GroupAdmittance => {
+                Some("at 1 pu voltage")
+            }
+            Self::FixedImpedance => Some("at 1 pu voltage and load"),
+            Self::Voltage => Some("of the nominal voltage, whatever V0 is"),
+        }
     }
 
     /// The declared value of one on the base of an event.
@@ -414,8 +432,12 @@ pub fn page(declaration: &Declaration, header: &str) -> String {
             Role::Shared => "shape, shared by all effects that name it".to_owned(),
             Role::Base => "base".to_owned(),
         };
+        let holds = p
+            .reference
+            .holds()
+            .map_or_else(String::new, |at| format!("; {at}"));
         format!(
-            "| `{}` | {} | {} | {} | {} | {} | {role} |",
+            "| `{}` | {} | {} | {} | {} | {} | {role}{holds} |",
             p.name, p.symbol, p.unit, p.lower, p.typical, p.upper
         )
     }));

@@ -28,6 +28,8 @@ pub struct StudyShape {
     /// Stator resistance of half of the sites, pu of the motors' base: loads have it, and models
     /// of the third order do not.
     pub stator_resistance: f64,
+    /// Standard deviation of the composition from event to event, relative.
+    pub composition_spread: f64,
 }
 
 impl Default for StudyShape {
@@ -43,6 +45,7 @@ impl Default for StudyShape {
             noise: 1e-3,
             bad_samples: true,
             stator_resistance: 0.012,
+            composition_spread: 0.02,
         }
     }
 }
@@ -77,6 +80,7 @@ pub fn study_site(seed: u64, number: u64, shape: &StudyShape) -> Result<Syntheti
         noise: shape.noise,
         bad_samples: shape.bad_samples,
         excited: shape.excited,
+        composition_spread: shape.composition_spread,
         integrator: IntegratorOptions {
             tolerance: STUDY_TOLERANCE,
             spacing_max: STUDY_SPACING,

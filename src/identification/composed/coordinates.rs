@@ -129,6 +129,11 @@ impl Coordinates {
         }
     }
 
+    /// Centres of the priors.
+    pub(super) fn centres(&self) -> DVector<f64> {
+        DVector::from_iterator(self.free.len(), self.free.iter().map(Unknown::centre))
+    }
+
     /// Half the squared distance from the priors, its gradient, and the precisions.
     pub(super) fn prior(&self, x: &DVector<f64>) -> (f64, DVector<f64>, DVector<f64>) {
         let count = self.free.len();

@@ -131,8 +131,8 @@ impl Base {
 pub(super) fn thresholds(events: &[PreparedEvent], declared: &Parameter) -> Vec<f64> {
     let mut lowest: Vec<f64> = events
         .iter()
-        .map(|e| e.lowest_voltage)
-        .filter(|v| *v < DIP)
+        .filter(|e| e.lowest_voltage < DIP)
+        .map(|e| e.lowest_voltage * e.v0_pu)
         .collect();
     lowest.sort_by(f64::total_cmp);
     lowest.push(1.0);

@@ -1,6 +1,6 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
-use super::{ComposedFitOptions, Ground, fit};
+use super::{ComposedFitOptions, Ground, fit, refine};
 use crate::{
     disturbance::{Closing, Trigger, Window},
     identification::{
@@ -147,6 +147,30 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
     );
     assert!(found.bayesian_information() < base.bayesian_information() - 100.0);
     assert!(found.chi_square_per_row() < base.chi_square_per_row());
+}
+
+#[test]
+fn what_no_event_shows_is_as_its_prior_has_it() {
+    // Motors that trip and do not return within the window: at which voltage they would is not seen.
+    const EFFECT: &str = "motor_undervoltage_trip";
+    let truth = ComposedModel::new(&Structure::zip_im().with(EFFECT).unwrap());
+    let place = |name: &str| truth.index(&format!("{EFFECT}.{name}")).unwrap();
+    let mut parameters = truth.typical();
+    parameters[place("share")] = 0.3;
+    let events = drawn_by(&truth, &parameters, &events());
+    let mut elsewhere = parameters.clone();
+    elsewhere[place("return_voltage")] = 0.6;
+    let free: Vec<usize> = (0..truth.parameters().len()).collect();
+    let options = ComposedFitOptions {
+        rounds_max: 1,
+        ..ComposedFitOptions::default()
+    };
+    let begun = fit(&events, &truth, &elsewhere, &free, &options, &|| false).unwrap();
+    let left = begun.squares.iter().sum::<f64>();
+    let refined = refine(&events, begun, EFFECT, &options, &|| false);
+    let found = refined.parameters[place("return_voltage")];
+    assert!((found - 0.8).abs() < 0.03, "{found}");
+    assert!(refined.squares.iter().sum::<f64>() < 1.01 * left);
 }
 
 #[test]

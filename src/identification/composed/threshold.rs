@@ -1,4 +1,5 @@
-//! How far a fitted threshold is determined: between the dips that it divides the objective is flat.
+//! What a fit leaves open because the objective is flat there: between the dips that a threshold divides,
+//! and in a delay that no sample falls into. A solver that begins in such a place stays where it began.
 
 use nalgebra::DVector;
 
@@ -7,7 +8,10 @@ use super::{
     fit::{ComposedFit, Place},
     screening::Step,
 };
-use crate::numerics::Objective;
+use crate::{
+    load_model::effect::{Role, Scale},
+    numerics::Objective,
+};
 
 /// The objective may rise by this within the interval: two standard errors.
 const RISE: f64 = 2.0;
@@ -20,10 +24,69 @@ const BISECTIONS: usize = 3;
 /// An interval narrower than this is left to the covariance, pu.
 const NARROW: f64 = 0.01;
 
-/// A fit whose threshold lies in the middle of the interval in which the objective hardly changes, with
+/// A shape is open when its standard error is above this share of its prior's deviation.
+const OPEN: f64 = 0.5;
+/// Shares of the way to a prior's centre, the whole first.
+const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
+
+/// A fit whose open shapes are as the priors have them as far as the data allow, and whose threshold
+/// lies in the middle of the interval in which the objective hardly changes, with
 /// the variance of a uniform distribution over it. As it was where that interval is narrow.
 pub(super) fn settled(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
+    let fit = towards_priors(step, &fit).unwrap_or(fit);
     centred(step, &fit).unwrap_or(fit)
+}
+
+/// The fit with each open shape of the effect moved towards its prior's centre; `None` where no move
+/// raises the posterior.
+fn towards_priors(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {
+    let parameters = step.model.parameters();
+    let open = |&(_, &index): &(usize, &usize)| {
+        let declared = &parameters[index].declaration;
+        let own = parameters[index].effect == Some(step.effect.declaration().name);
+        let scale = match declared.prior.scale {
+            Scale::Linear => 1.0,
+            Scale::Logarithmic => fit.parameters[index],
+        };
+        let error = fit.standard_error(index).map(|e| e / scale);
+        own && declared.role == Role::Shape
+            && error.is_none_or(|e| e > OPEN * declared.prior.deviation)
+    };
+    let places: Vec<usize> = (fit.free.iter().enumerate())
+        .filter(open)
+        .map(|(place, _)| place)
+        .collect();
+    if places.is_empty() {
+        return None;
+    }
+    let coordinates = Coordinates::new(step.model, &fit.parameters, &fit.free);
+    let fixed = Place {
+        rows: step.rows,
+        model: step.model,
+        coordinates: &coordinates,
+        scatter: &step.options.scatter,
+        cancel: step.cancel,
+    };
+    let mut x = coordinates.unknowns(&fit.parameters);
+    let problem = fixed.problem(&x, None)?;
+    let (begun, centres) = (problem.value(&x)?, coordinates.centres());
+    let mut least = begun;
+    for place in places {
+        let way = centres[place] - x[place];
+        for share in SHARES {
+            let mut moved = x.clone();
+            moved[place] += share * way;
+            if let Some(value) = problem.value(&moved).filter(|value| *value < least) {
+                (x, least) = (moved, value);
+                break;
+            }
+        }
+    }
+    if least >= begun {
+        return None;
+    }
+    let (moved, _) = fixed.finished(&x, None, fit.evaluations)?;
+    Some(moved)
 }
 
 fn centred(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {

@@ -297,3 +297,21 @@ fn the_same_equipment_has_other_figures_on_the_base_of_another_event() {
         assert!((back - declared[k]).abs() < 1e-12, "{}", p.name);
     }
 }
+
+#[test]
+fn a_relay_knows_the_voltage_and_not_its_share_of_that_before_the_event() {
+    // V0 = 0.95: 0.6/0.95 = 0.631579; 4.4 x 0.9025 = 3.971.
+    let structure = Structure::zip_im().with("single_phase_ac_stall").unwrap();
+    let model = ComposedModel::new(&structure);
+    let mut declared = model.typical();
+    let place = |name: &str| {
+        let name = format!("single_phase_ac_stall.{name}");
+        model.index(&name).unwrap()
+    };
+    let (stall, conductance) = (place("stall_voltage"), place("stalled_conductance"));
+    (declared[stall], declared[conductance]) = (0.6, 4.4);
+    let (own, slopes) = model.on_event_base(&declared, 0.95, 0.8);
+    assert!((own[stall] - 0.631_579).abs() < 1e-6);
+    assert!((own[conductance] - 3.971).abs() < 1e-9);
+    assert!((slopes[stall] - 1.0 / 0.95).abs() < 1e-12);
+}

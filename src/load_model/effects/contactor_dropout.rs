@@ -26,7 +26,9 @@ use crate::{
     load_model::{
         Infeasible, MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference, State,
+        },
     },
     numerics::{
         Elementary,
@@ -46,12 +48,15 @@ const DECLARATION: Declaration = Declaration {
     name: "contactor_dropout",
     title: "Contactors that drop out in the dip",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.2, 0.8, 0.02]),
-        Parameter::shape(["first_voltage", "V_off", "1"], [0.35, 0.55, 0.8], 0.08),
-        Parameter::shape(["span", "s", "1"], [0.02, 0.1, 0.3], 0.05),
-        Parameter::shape(["hysteresis", "h", "1"], [0.0, 0.08, 0.3], 0.05),
+        Parameter::shape(["first_voltage", "V_off", "pu"], [0.35, 0.55, 0.8], 0.08)
+            .with_reference(Reference::Voltage),
+        Parameter::shape(["span", "s", "pu"], [0.02, 0.1, 0.3], 0.05)
+            .with_reference(Reference::Voltage),
+        Parameter::shape(["hysteresis", "h", "pu"], [0.0, 0.08, 0.3], 0.05)
+            .with_reference(Reference::Voltage),
         Parameter::positive_shape(["opening_s", "T_o", "s"], [0.0005, 0.01, 0.1], 0.8),
         Parameter::positive_shape(["closing_s", "T_c", "s"], [0.001, 0.05, 2.0], 1.5),
         Parameter::shape(["exponent", "n", "1"], [0.0, 1.0, 2.0], 0.7),

@@ -21,7 +21,9 @@ use crate::{
     load_model::{
         Infeasible, MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference, State,
+        },
     },
     numerics::{
         Elementary,
@@ -41,11 +43,13 @@ const DECLARATION: Declaration = Declaration {
     name: "discharge_lighting",
     title: "Discharge lighting that goes out",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.03]),
-        Parameter::shape(["first_voltage", "V_a", "1"], [0.55, 0.8, 0.95], 0.06),
-        Parameter::shape(["span", "s", "1"], [0.02, 0.12, 0.3], 0.06),
+        Parameter::shape(["first_voltage", "V_a", "pu"], [0.55, 0.8, 0.95], 0.06)
+            .with_reference(Reference::Voltage),
+        Parameter::shape(["span", "s", "pu"], [0.02, 0.12, 0.3], 0.06)
+            .with_reference(Reference::Voltage),
         Parameter::positive_shape(["restrike_s", "T", "s"], [0.05, 100.0, 1000.0], 3.0),
         Parameter::shape(["reactive_ratio", "t", "1"], [0.0, 0.5, 1.2], 0.2),
     ],

@@ -40,7 +40,9 @@ use crate::{
     load_model::{
         Infeasible, MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference, State,
+        },
     },
     numerics::{
         Elementary,
@@ -60,11 +62,13 @@ const DECLARATION: Declaration = Declaration {
     name: "distributed_generation",
     title: "Generation behind the load that stops in a dip",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "G", "1"], [0.2, 1.0, 0.02]),
-        Parameter::shape(["voltage", "V_mc", "1"], [0.4, 0.75, 0.94], 0.12),
-        Parameter::shape(["span", "s", "1"], [0.02, 0.05, 0.4], 0.1),
+        Parameter::shape(["voltage", "V_mc", "pu"], [0.4, 0.75, 0.94], 0.12)
+            .with_reference(Reference::Voltage),
+        Parameter::shape(["span", "s", "pu"], [0.02, 0.05, 0.4], 0.1)
+            .with_reference(Reference::Voltage),
         Parameter::positive_shape(["delay_s", "T_mc", "s"], [0.003, 0.02, 0.5], 0.8),
         Parameter::positive_shape(["return_delay_s", "T_d", "s"], [0.002, 0.1, 10.0], 1.5),
         Parameter::positive_shape(["ramp_s", "T_r", "s"], [0.01, 1.0, 1000.0], 2.0),

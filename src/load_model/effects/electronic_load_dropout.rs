@@ -27,7 +27,9 @@ use crate::{
     load_model::{
         MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference, State,
+        },
     },
     numerics::{
         Elementary,
@@ -43,11 +45,13 @@ const DECLARATION: Declaration = Declaration {
     name: "electronic_load_dropout",
     title: "Electronic load that drops out with the voltage",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.2, 0.7, 0.02]),
-        Parameter::shape(["first_voltage", "V_d1", "1"], [0.5, 0.8, 0.95], 0.1),
-        Parameter::shape(["span", "s", "1"], [0.02, 0.2, 0.4], 0.1),
+        Parameter::shape(["first_voltage", "V_d1", "pu"], [0.5, 0.8, 0.95], 0.1)
+            .with_reference(Reference::Voltage),
+        Parameter::shape(["span", "s", "pu"], [0.02, 0.2, 0.4], 0.1)
+            .with_reference(Reference::Voltage),
         Parameter::shape(["returning_share", "r", "1"], [0.0, 0.5, 1.0], 0.5),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.3], 0.1),
         Parameter::positive_shape(["hold_up_s", "T_h", "s"], [0.0005, 0.01, 0.2], 1.0),

@@ -19,7 +19,7 @@
 use crate::{
     load_model::{
         composed::{Instant, Rest},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place},
+        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference},
     },
     numerics::Elementary,
 };
@@ -32,10 +32,11 @@ const DECLARATION: Declaration = Declaration {
     name: "low_voltage_conversion",
     title: "Constant power that becomes an impedance at low voltage",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["share", "w", "1"], [1.0, 1.5, 0.2]),
-        Parameter::shape(["voltage", "p", "1"], [0.4, 0.7, 0.9], 0.08),
+        Parameter::shape(["voltage", "p", "pu"], [0.4, 0.7, 0.9], 0.08)
+            .with_reference(Reference::Voltage),
     ],
     states: &[],
     acts_on: &[Place::Power],

@@ -19,6 +19,7 @@ use crate::{
         composed::MotorDescription,
         effect::{
             Declaration, Declared, Equations, Kind, MOTOR_REACTANCE, Needs, Parameter, Place,
+            Reference,
         },
     },
     numerics::Elementary,
@@ -32,10 +33,12 @@ const DECLARATION: Declaration = Declaration {
     name: "saturation",
     title: "Magnetic saturation of the motors",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
-        Parameter::one_sided(["strength", "B", "1"], [5.0, 40.0, 1.0]),
-        Parameter::shape(["knee", "A", "1"], [0.5, 0.8, 1.0], 0.05),
+        Parameter::one_sided(["strength", "B", "1"], [5.0, 40.0, 1.0])
+            .with_reference(Reference::GroupAdmittance),
+        Parameter::shape(["knee", "A", "pu"], [0.5, 0.8, 1.0], 0.05)
+            .with_reference(Reference::Voltage),
         MOTOR_REACTANCE,
     ],
     states: &[],

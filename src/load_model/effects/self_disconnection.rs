@@ -23,7 +23,9 @@ use crate::{
     load_model::{
         MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference, State,
+        },
     },
     numerics::Elementary,
 };
@@ -36,10 +38,11 @@ const DECLARATION: Declaration = Declaration {
     name: "self_disconnection",
     title: "Load that disconnects itself and stays off",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.02]),
-        Parameter::shape(["voltage", "V_th", "1"], [0.4, 0.7, 0.94], 0.12),
+        Parameter::shape(["voltage", "V_th", "pu"], [0.4, 0.7, 0.94], 0.12)
+            .with_reference(Reference::Voltage),
         Parameter::positive_shape(["time_s", "T", "s"], [0.003, 0.02, 0.5], 0.8),
         Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.02, 0.3], 1.0),
         Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),

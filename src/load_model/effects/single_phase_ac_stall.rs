@@ -25,7 +25,7 @@
 //!
 //! Source: motor D of the WECC composite load model: Kq1 6, Nq1 2, Kp2 12, Np2 3.2, Kq2 11, Nq2 2.5, Vbrk .86, Rstall
 //! .124, Xstall .114, Tstall .033, Vstall .55-.65, Vrst .9-.95, Trst .3-.4, Th1t .7-1.3, Th2t 1.9-4.3, Tth 10-15 s (all from
-//! memory, not verified; power factor .97 at rest). Not included: frequency factors, contactors
+//! memory, not verified); a `q_r` of .25 is a power factor of .97. Not included: frequency factors, contactors
 //! (`contactor_dropout`), undervoltage relays.
 
 use super::{lag::lag, relay};
@@ -33,7 +33,9 @@ use crate::{
     load_model::{
         MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Reference, State,
+        },
     },
     numerics::{
         Elementary,
@@ -46,8 +48,6 @@ use crate::{
 pub(super) struct SinglePhaseAcStall;
 
 const BREAK_VOLTAGE: f64 = 0.86;
-/// Reactive over active power at rest, power factor .97.
-const REST_REACTIVE: f64 = 0.25;
 
 const fn state(name: &'static str, unit: &'static str) -> State {
     State { name, unit }
@@ -57,19 +57,24 @@ const DECLARATION: Declaration = Declaration {
     name: "single_phase_ac_stall",
     title: "Single-phase air conditioners that stall",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
-        Parameter::shape(["stall_voltage", "V_st", "1"], [0.4, 0.62, 0.8], 0.06),
+        Parameter::shape(["stall_voltage", "V_st", "pu"], [0.4, 0.62, 0.8], 0.06)
+            .with_reference(Reference::Voltage),
         Parameter::positive_shape(["stall_time_s", "T_st", "s"], [0.008, 0.035, 0.3], 0.6),
-        Parameter::positive_shape(["stalled_conductance", "G", "1"], [2.0, 4.4, 8.0], 0.3),
-        Parameter::positive_shape(["stalled_susceptance", "B", "1"], [2.0, 4.0, 8.0], 0.3),
+        Parameter::positive_shape(["stalled_conductance", "G", "1"], [2.0, 4.4, 8.0], 0.3)
+            .with_reference(Reference::GroupAdmittance),
+        Parameter::positive_shape(["stalled_susceptance", "B", "1"], [2.0, 4.0, 8.0], 0.3)
+            .with_reference(Reference::GroupAdmittance),
         Parameter::positive_shape(["thermal_time_s", "T_th", "s"], [1.0, 10.0, 60.0], 0.8),
         Parameter::shape(["restarting_share", "r", "1"], [0.0, 0.1, 1.0], 0.3),
-        Parameter::shape(["restart_voltage", "V_rs", "1"], [0.8, 0.92, 0.98], 0.04),
+        Parameter::shape(["restart_voltage", "V_rs", "pu"], [0.8, 0.92, 0.98], 0.04)
+            .with_reference(Reference::Voltage),
         Parameter::positive_shape(["restart_time_s", "T_rs", "s"], [0.05, 0.35, 2.0], 0.4),
         Parameter::positive_shape(["first_trip_heat", "h_1", "1"], [0.3, 0.9, 3.0], 0.4),
         Parameter::positive_shape(["trip_heat_span", "h_s", "1"], [0.3, 1.4, 5.0], 0.4),
+        Parameter::shape(["reactive_ratio", "q_r", "1"], [0.0, 0.25, 0.8], 0.05),
     ],
     states: &[
         state("stall_timer", "s"),
@@ -105,24 +110,27 @@ impl Declared for SinglePhaseAcStall {
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         [5.0, 15.0]
-            .map(|thermal_s| vec![0.62, 0.035, 4.4, 4.0, thermal_s, 0.1, 0.92, 0.35, 0.9, 1.4])
+            .map(|thermal_s| {
+                vec![
+                    0.62, 0.035, 4.4, 4.0, thermal_s, 0.1, 0.92, 0.35, 0.9, 1.4, 0.25,
+                ]
+            })
             .to_vec()
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 4, 6]
+        vec![0, 4, 6, 11]
     }
 }
 
-/// (1), (2); `stalled` is the power of stopped motors at 1 pu.
-fn running<S: Elementary>(v: S, stalled: [S; 2]) -> [S; 2] {
-    let at_rest = 6.0 * (1.0 - BREAK_VOLTAGE) * (1.0 - BREAK_VOLTAGE);
-    let floor = REST_REACTIVE - at_rest;
+/// (1), (2); `stalled` is the power of stopped motors at 1 pu, `at_rest` the reactive one of running motors.
+fn running<S: Elementary>(v: S, stalled: [S; 2], at_rest: S) -> [S; 2] {
+    let floor = at_rest + -6.0 * (1.0 - BREAK_VOLTAGE) * (1.0 - BREAK_VOLTAGE);
     if v.value() > BREAK_VOLTAGE {
         let above = v + -BREAK_VOLTAGE;
         // Written around the voltage at rest, so that it is exact there.
         let excess = (v + -1.0) * (above + (1.0 - BREAK_VOLTAGE)) * 6.0;
-        return [S::constant(1.0), excess + REST_REACTIVE];
+        return [S::constant(1.0), excess + at_rest];
     }
     // The powers' slopes at zero do not exist.
     let under = at_least(-v + BREAK_VOLTAGE, 1e-9);
@@ -156,14 +164,14 @@ impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
 
     fn power(&self, p: &[S], x: &[S], at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
         let v = at.voltage;
-        let [p_run, q_run] = running(v, [p[3], p[4]]);
+        let [p_run, q_run] = running(v, [p[3], p[4]], p[11]);
         let (stalled, back) = (x[1], p[6] * x[3]);
         let locked = stalled * (-back + 1.0);
         let run = -locked + 1.0;
         let hot = locked * left_on(x[4], p) * (v * v);
         let active = run * p_run + hot * p[3];
         let reactive = run * q_run + hot * p[4];
-        [p[0] * (active + -1.0), p[0] * (reactive + -REST_REACTIVE)] // (6)
+        [p[0] * (active + -1.0), p[0] * (reactive - p[11])] // (6)
     }
 }
 
@@ -174,8 +182,8 @@ mod tests {
 
     #[test]
     fn the_running_curve_is_continuous_and_exact_at_rest() {
-        let running = |v: f64| running(v, [4.4, 4.0]);
-        assert_eq!(running(1.0)[1].to_bits(), REST_REACTIVE.to_bits());
+        let running = |v: f64| running(v, [4.4, 4.0], 0.25);
+        assert_eq!(running(1.0)[1].to_bits(), 0.25_f64.to_bits());
         let [above, below] = [running(BREAK_VOLTAGE + 1e-9), running(BREAK_VOLTAGE - 1e-9)];
         assert!((above[0] - below[0]).abs() < 1e-9 && (above[1] - below[1]).abs() < 1e-9);
         // v = 0.66: 12 x 0.2^3.2 = 12 x 0.0057981 = 0.069577.
@@ -190,7 +198,9 @@ mod tests {
         let input = lasting(10.0, dip, &[0.5, 0.6]);
         let model = ComposedModel::new(&Structure::zip_im().with("single_phase_ac_stall").unwrap());
         let mut p = model.typical();
-        p[8..].copy_from_slice(&[0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0, 0.92, 0.35, 0.7, 1.2]);
+        p[8..].copy_from_slice(&[
+            0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0, 0.92, 0.35, 0.7, 1.2, 0.25,
+        ]);
         let drive = Drive {
             terminal: &input,
             frequency_deviation: &[],

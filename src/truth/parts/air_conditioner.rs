@@ -8,7 +8,7 @@
 //! (3)  P0' = 1 - Kp1 (1 - V_brk)^Np1,  Q0' = tan(acos pf) - Kq1 (1 - V_brk)^Nq1
 //! (4)  stalled:  P = V^2 R/(R^2 + X^2),  Q = V^2 X/(R^2 + X^2)
 //! (5)  V < V_stall for T_stall: all stall; V > V_rst for T_rst: the share F_rst runs again
-//! (6)  T_th d theta/dt = I^2 R - theta; motors trip one after the other from Th1 to Th2
+//! (6)  T_th d theta/dt = I^2 R - theta; of those that stand, 1 - (theta - Th1)/(Th2 - Th1) are left
 //! ```
 //!
 //! Powers over the motors' power at 1 pu. Source: WECC composite load model, motor D (performance
@@ -52,8 +52,6 @@ const REACTIVE_ABOVE: (f64, f64) = (6.0, 2.0);
 const ACTIVE_BELOW: (f64, f64) = (12.0, 3.2);
 /// Kq2, Nq2.
 const REACTIVE_BELOW: (f64, f64) = (11.0, 2.5);
-/// Motors whose thermal protection acts one after the other.
-const THERMAL_GROUPS: u32 = 20;
 
 impl AirConditionerSettings {
     /// Power of running motors over their active power at 1 pu, (1) to (3).
@@ -87,7 +85,8 @@ struct Group {
     share: f64,
     /// Open: stalled.
     relay: Relay,
-    tripped: u32,
+    /// Of the temperatures at which the first and the last trip, how many were reached.
+    passed: usize,
 }
 
 /// Air conditioners at their operating point.
@@ -119,7 +118,7 @@ impl AirConditioner {
         let group = |share, relay| Group {
             share,
             relay,
-            tripped: 0,
+            passed: 0,
         };
         Self {
             settings,
@@ -147,14 +146,19 @@ impl AirConditioner {
         current * current * self.settings.stalled.0
     }
 
-    /// Temperature at which the next motors of `group` trip.
+    /// The next temperature at which the first or the last motors of `group` trip.
     fn next_trip(&self, group: &Group) -> f64 {
         let (first, last) = self.settings.thermal_trip;
-        let place = (f64::from(group.tripped) + 0.5) / f64::from(THERMAL_GROUPS);
-        if group.tripped < THERMAL_GROUPS {
-            first + place * (last - first)
+        [first, last, f64::INFINITY][group.passed.min(2)]
+    }
+
+    /// Share of `group` that its thermal protection has left on, (6).
+    fn left(&self, group: &Group, temperature: f64) -> f64 {
+        let (first, last) = self.settings.thermal_trip;
+        if group.relay.closed() {
+            1.0
         } else {
-            f64::INFINITY
+            1.0 - ((temperature - first) / (last - first)).clamp(0.0, 1.0)
         }
     }
 }
@@ -169,13 +173,12 @@ impl Part for AirConditioner {
         self.groups.iter().map(heat).collect()
     }
 
-    fn current(&self, at: Terminal, _state: &[f64]) -> Phasor {
+    fn current(&self, at: Terminal, state: &[f64]) -> Phasor {
         let voltage_pu = at.voltage.norm();
-        let power: Phasor = self
-            .groups
-            .iter()
-            .map(|group| {
-                let left = 1.0 - f64::from(group.tripped) / f64::from(THERMAL_GROUPS);
+        let groups = self.groups.iter().zip(state);
+        let power: Phasor = groups
+            .map(|(group, temperature)| {
+                let left = self.left(group, *temperature);
                 self.power(group, voltage_pu) * (group.share * left)
             })
             .sum();
@@ -221,7 +224,7 @@ impl Part for AirConditioner {
                 tell(if running { "restart" } else { "stall" });
             }
             if trips {
-                group.tripped += 1;
+                group.passed += 1;
                 tell("thermal trip");
             }
         }
@@ -254,7 +257,7 @@ mod tests {
     }
 
     fn power(part: &AirConditioner, voltage: f64) -> Phasor {
-        voltage * part.current(at(0.0, voltage), &[]).conj()
+        voltage * part.current(at(0.0, voltage), &part.initial_state()).conj()
     }
 
     #[test]
@@ -301,12 +304,17 @@ mod tests {
         part.derivatives(at(1.1, 0.9), &state, &mut slope);
         // I^2 R = 0.81/0.028372 x 0.124 = 3.540110; (3.540110 - theta)/15.
         assert!((slope[0] - (3.540_110 - state[0]) / 15.0).abs() < 1e-6);
-        // At 1.3, halfway from 0.7 to 1.9, half of the twenty groups have tripped.
+        // At 1.3, halfway from 0.7 to 1.9, half of those that do not restart are left; the others are cold.
         state = vec![1.3, 0.2];
-        for _ in 0..40 {
+        let left = 0.5 * 0.8 + 0.2;
+        let standing = part.settings.standing(0.9) * 0.2;
+        let power = 0.9 * part.current(at(5.0, 0.9), &state).conj();
+        assert!((power - standing * left).norm() < 1e-12);
+        for temperature in [1.3, 1.8, 1.9, 2.0] {
+            state[0] = temperature;
             part.react(at(5.0, 0.9), &state, &mut log);
         }
-        assert_eq!(part.groups[0].tripped, 10);
+        assert_eq!(part.groups[0].passed, 2);
     }
 
     #[test]

@@ -359,7 +359,7 @@ fn stalled_air_conditioners_draw_several_times_their_power_until_they_trip() {
     let stalled = power_at(&run, ONSET_S + 1.0).re - 0.9 * 0.85;
     assert!(stalled > 2.0 * 0.135, "{stalled}");
     let trips = run.operations.iter().filter(|o| o.action == "thermal trip");
-    assert_eq!(trips.count(), 20);
+    assert_eq!(trips.count(), 2, "the first and the last");
     assert!((power_at(&run, 24.9).re - 0.9 * 0.85).abs() < 0.02);
 }
 
