@@ -166,11 +166,12 @@ fn what_no_event_shows_is_as_its_prior_has_it() {
         ..ComposedFitOptions::default()
     };
     let begun = fit(&events, &truth, &elsewhere, &free, &options, &|| false).unwrap();
-    let left = begun.squares.iter().sum::<f64>();
+    let before = begun.minus_twice_log_posterior();
     let refined = refine(&events, begun, EFFECT, &options, &|| false);
     let found = refined.parameters[place("return_voltage")];
     assert!((found - 0.8).abs() < 0.03, "{found}");
-    assert!(refined.squares.iter().sum::<f64>() < 1.01 * left);
+    // Twice what a threshold may cost that is put in the middle of where it can be.
+    assert!(refined.minus_twice_log_posterior() < before + 4.0);
 }
 
 #[test]

@@ -257,7 +257,7 @@ mod tests {
     }
 
     fn power(part: &AirConditioner, voltage: f64) -> Phasor {
-        voltage * part.current(at(0.0, voltage), &part.initial_state()).conj()
+        voltage * part.current(at(0.0, voltage), &[0.1, 0.1]).conj()
     }
 
     #[test]
