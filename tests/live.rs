@@ -147,7 +147,9 @@ fn a_source_that_sends_datagrams_by_itself_is_listened_to() {
         let socket = UdpSocket::bind("127.0.0.1:0").await.unwrap();
         let local = free_udp_address().await;
         let transport = Transport::Udp { local };
-        let mut bridge = Bridge::with(socket.local_addr().unwrap(), transport, false);
+        // Its host is known, not the port that it sends from.
+        let elsewhere = free_udp_address().await;
+        let mut bridge = Bridge::with(elsewhere, transport, false);
         let mut played = Played::new(&site(100.0), RATE_FPS, ID_CODE).unwrap();
         let configuration = played.configuration(ConfigurationKind::Configuration2);
         let configuration = configuration.encode().unwrap().remove(0);

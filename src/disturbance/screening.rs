@@ -5,7 +5,7 @@
 //! (refusal) or is kept with it (mark).
 
 use super::{Screening, ScreeningReason, Window};
-use crate::measurement::Sample;
+use crate::measurement::{Quality, Sample};
 
 /// Settings of screening.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,6 +97,7 @@ pub fn screen(window: &Window, options: &ScreeningOptions) -> Screening {
             required_share: options.usable_share_min,
         });
     }
+    marks_of_quality(window, &mut screening);
     let Some(view) = View::of(window) else {
         return screening;
     };
@@ -111,6 +112,44 @@ pub fn screen(window: &Window, options: &ScreeningOptions) -> Screening {
     balance(&view, options, &mut screening);
     power(&view, options, &mut screening);
     screening
+}
+
+/// Share of bad samples from which a window is marked. Chosen: what an isolated loss leaves is below it.
+const BAD_SHARE_MARK: f64 = 0.01;
+
+/// Around the onset, seconds before it and after it: a single bad sample there is worth a mark. Chosen: the motor's
+/// answer is over after half a second.
+const AT_ONSET_S: (f64, f64) = (0.1, 0.5);
+
+/// Marks what the stream did to a window that is not refused for it.
+fn marks_of_quality(window: &Window, screening: &mut Screening) {
+    let (samples, rate_fps) = (&window.record.samples, window.record.rate_fps);
+    if samples.is_empty() || !screening.refusals.is_empty() {
+        return;
+    }
+    let from_onset_s = |k: usize| (k as f64 - window.onset as f64) / rate_fps;
+    let at_onset = |k: usize| (-AT_ONSET_S.0..=AT_ONSET_S.1).contains(&from_onset_s(k));
+    let samples_at = samples.iter().enumerate();
+    let at_onset = samples_at
+        .filter(|(k, s)| !s.usable() && at_onset(*k))
+        .count();
+    let bad_share = 1.0 - window.record.usable_share();
+    if bad_share > BAD_SHARE_MARK || at_onset > 0 {
+        let reason = ScreeningReason::BadSamples {
+            bad_share,
+            at_onset,
+        };
+        screening.marks.push(reason);
+    }
+    let unsynchronised = samples
+        .iter()
+        .filter(|s| s.quality.contains(Quality::NOT_SYNCHRONISED));
+    let share = unsynchronised.count() as f64 / samples.len() as f64;
+    if share > 0.0 {
+        screening
+            .marks
+            .push(ScreeningReason::ClockNotSynchronised { share });
+    }
 }
 
 /// What screening looks at: usable samples, smoothed, and their values before the onset.

@@ -138,6 +138,18 @@ pub enum ScreeningReason {
         /// Least share required, 0 to 1.
         required_share: f64,
     },
+    /// Enough samples are usable, but not all: a gap, or flags of the source.
+    BadSamples {
+        /// Share of the samples that are missing or not usable, 0 to 1.
+        bad_share: f64,
+        /// How many of them lie around the onset, where a load says most.
+        at_onset: usize,
+    },
+    /// The source's clock was not synchronised.
+    ClockNotSynchronised {
+        /// Share of the samples for which it was not, 0 to 1.
+        share: f64,
+    },
     /// The record before the onset is too short to know the operating point.
     PreEventTooShort {
         /// Seconds before the onset.
@@ -188,6 +200,8 @@ impl ScreeningReason {
         match self {
             Self::TooShallow { .. } => "too_shallow",
             Self::TooManyBadSamples { .. } => "too_many_bad_samples",
+            Self::BadSamples { .. } => "bad_samples",
+            Self::ClockNotSynchronised { .. } => "clock_not_synchronised",
             Self::PreEventTooShort { .. } => "pre_event_too_short",
             Self::PreEventNotSteady { .. } => "pre_event_not_steady",
             Self::Unbalanced { .. } => "unbalanced",
@@ -218,6 +232,19 @@ impl fmt::Display for ScreeningReason {
                 "{:.1} % of the samples are usable, and {:.1} % are required",
                 100.0 * usable_share,
                 100.0 * required_share
+            ),
+            Self::BadSamples {
+                bad_share,
+                at_onset,
+            } => write!(
+                f,
+                "{:.1} % of the samples are missing or not usable, {at_onset} of them around the onset",
+                100.0 * bad_share
+            ),
+            Self::ClockNotSynchronised { share } => write!(
+                f,
+                "the source's clock was not synchronised during {:.1} % of the samples",
+                100.0 * share
             ),
             Self::PreEventTooShort {
                 seconds,

@@ -11,6 +11,13 @@ use crate::{
     },
 };
 
+/// Steps forward of at least this length are held against the time that passed between the arrivals. Chosen: longer
+/// than what a source delivers late after an outage.
+const JUMP_S_MIN: f64 = 3600.0;
+/// A step that went on this many times as far as the arrivals is a jump of the stamps, between two recordings or of a
+/// clock: nobody measured in between. Chosen: a live source has 1, a replay in a hurry some tens.
+const JUMP_PACE: f64 = 100.0;
+
 /// All sites.
 #[derive(Debug)]
 pub(super) struct Streams {
@@ -25,6 +32,8 @@ struct Stream {
     detector: Detector,
     /// When the last batch arrived; none when everything has been released since.
     arrived_ns: Option<i64>,
+    /// When the last batch arrived, released or not.
+    last_arrived_ns: Option<i64>,
     /// Which stream it was of.
     heard: String,
     /// How far an earlier run of the service had come; none once data have followed.
@@ -165,6 +174,7 @@ impl Stream {
             detector: Detector::new(&options.site, options.detector),
             options,
             arrived_ns: None,
+            last_arrived_ns: None,
             heard: String::new(),
             earlier: None,
             kept_ns: None,
@@ -174,10 +184,11 @@ impl Stream {
 
     fn push(&mut self, now_ns: i64, batch: &SampleBatch, out: &mut Outbox) -> Vec<Window> {
         self.arrived_ns = Some(now_ns);
+        let waited_ns = now_ns.saturating_sub(self.last_arrived_ns.replace(now_ns).unwrap_or(0));
         batch.stream.clone_into(&mut self.heard);
         let before = self.come_to();
         let report = self.concentrator.push(batch);
-        let (step, skipped) = self.step(before, report.restart, batch.start_ns);
+        let (step, skipped) = self.step(before, report.restart, batch.start_ns, waited_ns);
         let flagged = |flag| batch.quality.iter().filter(|q| q.contains(flag)).count() as u64;
         let (mut windows, mut missing) = (Vec::new(), 0);
         for run in self.concentrator.drain() {
@@ -206,6 +217,7 @@ impl Stream {
                 unsynchronised: flagged(Quality::NOT_SYNCHRONISED),
             },
             lost_before: report.lost_batches,
+            found: report.found_batches,
             newest_ns,
             lag_ns: now_ns.saturating_sub(newest_ns),
             rate_fps: batch.rate_fps,
@@ -267,12 +279,14 @@ impl Stream {
         Some(progress)
     }
 
-    /// How the time changed with a batch that starts at `start_ns`, and the instants that were passed over.
+    /// How the time changed with a batch that starts at `start_ns` and came `waited_ns` after the one before, and
+    /// the instants that were passed over.
     fn step(
         &mut self,
         before: Option<Progress>,
         restart: Option<Restart>,
         start_ns: i64,
+        waited_ns: i64,
     ) -> (Option<TimeStep>, u64) {
         let (Some(restart), Some(before)) = (restart, before) else {
             return (None, 0);
@@ -283,6 +297,16 @@ impl Stream {
             // The first data of this run, and an earlier one had come to a moment that is not before.
             Restart::First if skipped == 0 => return (None, 0),
             Restart::First => "restart",
+            Restart::Forward { gap_s } if is_jump(gap_s, waited_ns) => {
+                let words = format!("the stamps jumped forward by {gap_s:.0} s");
+                return (
+                    Some(TimeStep {
+                        kind: "jump",
+                        words,
+                    }),
+                    0,
+                );
+            }
             Restart::Forward { .. } => "forward",
             Restart::Backward { .. } => "backward",
             Restart::OffGrid { rate_fps } if (rate_fps - before.rate_fps).abs() < 1e-6 => "grid",
@@ -294,6 +318,11 @@ impl Stream {
         };
         (Some(TimeStep { kind, words }), skipped)
     }
+}
+
+/// Whether a step forward is far longer than the time that passed.
+fn is_jump(gap_s: f64, waited_ns: i64) -> bool {
+    gap_s >= JUMP_S_MIN && gap_s >= JUMP_PACE * (waited_ns.max(0) as f64 / 1e9)
 }
 
 fn unknown_site(source: Source, site: &str) -> PayloadRefused {

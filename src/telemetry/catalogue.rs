@@ -85,13 +85,19 @@ pub const SAMPLES: Declaration = counter(
 pub const BATCHES_LOST: Declaration = counter(
     "loadmodeld_batches_lost_total",
     &["site"],
-    "Batches that never arrived, seen from gaps in the streams' own running numbers.",
+    "Batches that had not arrived when a later one did, seen from gaps in the streams' own running numbers.",
+);
+/// Batches that were counted as lost and came.
+pub const BATCHES_FOUND: Declaration = counter(
+    "loadmodeld_batches_found_total",
+    &["site"],
+    "Batches counted as lost that arrived after all, out of order or late.",
 );
 /// Steps of a stream's time.
 pub const TIME_STEPS: Declaration = counter(
     "loadmodeld_time_steps_total",
     &["site", "kind"],
-    "Times a site's time grid began anew: forward, backward (a step in time), rate (another reporting rate), grid (stamps drifted off the grid), restart (data go on where an earlier run of the service ended, with a gap).",
+    "Times a site's time grid began anew: forward, backward (a step in time), jump (forward by an hour or more, a hundred times as far as the clock of arrivals: another recording or a clock set anew), rate (another reporting rate), grid (stamps drifted off the grid), restart (data go on where an earlier run of the service ended, with a gap).",
 );
 /// Silences.
 pub const SILENCES: Declaration = counter(
@@ -370,6 +376,7 @@ pub const CATALOGUE: &[Declaration] = &[
     BATCHES,
     SAMPLES,
     BATCHES_LOST,
+    BATCHES_FOUND,
     TIME_STEPS,
     SILENCES,
     RECORDINGS,

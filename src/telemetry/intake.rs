@@ -48,7 +48,7 @@ pub struct SampleCounts {
     pub unusable: u64,
     /// Instants released without data.
     pub missing: u64,
-    /// Instants that a step forward in time or a restart of the service passed over.
+    /// Instants that a step forward in time, unless a jump, or a restart of the service passed over.
     pub skipped: u64,
     /// Off the grid or too far ahead, and dropped.
     pub refused: u64,
@@ -73,6 +73,8 @@ pub struct BatchTaken {
     pub samples: SampleCounts,
     /// Batches of the stream missing before this one.
     pub lost_before: u64,
+    /// Batches counted as lost that have arrived after all with this one.
+    pub found: u64,
     /// Time of its newest sample, UTC nanoseconds.
     pub newest_ns: i64,
     /// Age of that sample, nanoseconds.
@@ -88,7 +90,7 @@ pub struct BatchTaken {
 /// A change of a stream's time or rate.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimeStep {
-    /// Word for the metric: forward, backward, rate, grid, restart.
+    /// Word for the metric: forward, jump, backward, rate, grid, restart.
     pub kind: &'static str,
     /// What happened, in words.
     pub words: String,
@@ -127,13 +129,16 @@ impl Occurrence for BatchTaken {
                 "samples discarded: later than the lag time"
             );
         }
+        if self.found > 0 {
+            metrics.add(&catalogue::BATCHES_FOUND, &[site], self.found);
+        }
         if self.lost_before > 0 {
             metrics.add(&catalogue::BATCHES_LOST, &[site], self.lost_before);
             warn!(
                 site,
                 stream = self.stream,
                 batches = self.lost_before,
-                "batches never arrived"
+                "batches have not arrived"
             );
         }
     }

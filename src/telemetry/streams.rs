@@ -16,7 +16,7 @@ const STREAMS_MAX: usize = 4096;
 pub struct StreamState {
     /// Batches taken in; for frames, the runs of samples that messages gave.
     pub batches: u64,
-    /// Batches that never arrived, by the stream's running number.
+    /// Batches that have not arrived, by the stream's running number; those that came out of order are taken off.
     pub batches_lost: u64,
     /// Its samples.
     pub samples: SampleCounts,
@@ -66,7 +66,8 @@ impl StreamTable {
     pub(super) fn batch(&self, taken: &BatchTaken) {
         self.update(&taken.site, &taken.stream, |state| {
             state.batches += 1;
-            state.batches_lost += taken.lost_before;
+            let lost = state.batches_lost + taken.lost_before;
+            state.batches_lost = lost.saturating_sub(taken.found);
             state.samples += taken.samples;
             state.rate_fps = taken.rate_fps;
             state.newest_ns = taken.newest_ns;

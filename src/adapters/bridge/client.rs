@@ -4,11 +4,15 @@
 //! every failure. Nothing is waited for while frames are handed on: when the outlet is full, they are
 //! dropped and counted, because a source that is not read from closes the connection.
 
-use std::{io, net::SocketAddr, time::Duration};
+use std::{
+    io,
+    net::{IpAddr, SocketAddr},
+    time::Duration,
+};
 
 use tokio::{
     io::{AsyncReadExt, AsyncWriteExt},
-    net::{TcpStream, UdpSocket},
+    net::{TcpStream, UdpSocket, lookup_host},
     sync::mpsc::Sender,
     time::{MissedTickBehavior, interval, sleep, timeout},
 };
@@ -33,8 +37,8 @@ const SEND_LIMIT: Duration = Duration::from_secs(5);
 pub enum Transport {
     /// A connection to the source's port.
     Tcp,
-    /// Datagrams to and from the source's port, sent from this address. A source that sends by itself
-    /// has to be told to send here.
+    /// Datagrams to and from the source's port, sent from this address. A source that sends by itself, without
+    /// commands, has to be told to send here, and is heard whatever port of its host it sends from.
     Udp {
         /// Own address.
         local: SocketAddr,
@@ -322,6 +326,8 @@ impl Client<'_> {
 enum Link {
     Tcp(TcpStream),
     Udp(UdpSocket),
+    /// A source that sends by itself: its datagrams come from a port that nobody chose.
+    Heard(UdpSocket, IpAddr),
 }
 
 impl Link {
@@ -334,6 +340,12 @@ impl Link {
             }
             Transport::Udp { local } => {
                 let socket = UdpSocket::bind(local).await?;
+                if !source.dialogue.commanded {
+                    let mut hosts = lookup_host(&source.address).await?;
+                    let host = hosts.find(|host| host.is_ipv4() == local.is_ipv4());
+                    let host = host.ok_or(io::ErrorKind::AddrNotAvailable)?;
+                    return Ok(Self::Heard(socket, host.ip()));
+                }
                 socket.connect(&source.address).await?;
                 Ok(Self::Udp(socket))
             }
@@ -341,13 +353,19 @@ impl Link {
     }
 
     const fn is_datagrams(&self) -> bool {
-        matches!(self, Self::Udp(_))
+        matches!(self, Self::Udp(_) | Self::Heard(..))
     }
 
     async fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Tcp(stream) => stream.read(bytes).await,
             Self::Udp(socket) => socket.recv(bytes).await,
+            Self::Heard(socket, host) => loop {
+                let (count, from) = socket.recv_from(bytes).await?;
+                if from.ip() == *host {
+                    return Ok(count);
+                }
+            },
         }
     }
 
@@ -355,6 +373,7 @@ impl Link {
         match self {
             Self::Tcp(stream) => stream.write_all(bytes).await,
             Self::Udp(socket) => socket.send(bytes).await.map(|_| ()),
+            Self::Heard(..) => Ok(()),
         }
     }
 }

@@ -6,6 +6,8 @@ mod canonical;
 mod errors;
 pub mod v1;
 
+use std::fmt;
+
 pub use canonical::{canonical_json, content_hash};
 pub use errors::DocumentError;
 
@@ -18,6 +20,16 @@ pub enum Encoding {
     Json,
     /// Nobody said: the first byte tells.
     Unknown,
+}
+
+impl fmt::Display for Encoding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Cbor => "CBOR",
+            Self::Json => "JSON",
+            Self::Unknown => "CBOR or JSON",
+        })
+    }
 }
 
 impl Encoding {

@@ -1,53 +1,127 @@
 //! C37.118 frames in a file, as a capture or a configuration frame saved by itself: what the stream holds,
-//! and a mapping for the configuration.
+//! what of it cannot be read and why, and a mapping for the configuration.
 
-use std::fmt::Write as _;
+use std::{collections::BTreeMap, fmt::Write as _};
 
 use serde_json::{Value, json};
 
+use super::frame_contents;
 use crate::adapters::c37118::{
-    Configuration, ConfigurationAssembler, Frame, FrameKind, LoadMapping, PhasorQuantity,
-    PhasorSet, PmuConfiguration, PowerSource, StreamCounters, StreamDecoder, decode, propose,
+    Configuration, ConfigurationAssembler, ConfigurationKind, Frame, FrameKind, LoadMapping,
+    PhasorQuantity, PhasorSet, PmuConfiguration, PowerSource, StreamCounters, StreamDecoder,
+    decode, propose,
 };
+
+/// Faults that are told in words; the others are counted.
+const FAULTS_TOLD_MAX: usize = 10;
 
 /// What a file of frames holds.
 pub(super) struct View {
     counters: StreamCounters,
+    /// Bytes at the end that no frame was made of.
+    held_bytes: usize,
     data: usize,
     configurations: Vec<Configuration>,
+    /// The ones by which data are read, by stream.
+    in_force: BTreeMap<u16, Configuration>,
+    /// Data frames of streams without a configuration.
+    not_configured: u64,
+    /// Frames with a right check word that cannot be read.
+    faulty: u64,
+    /// The first of these, with their number in the file.
+    faults: Vec<(u64, String)>,
+    /// Every frame, where they are wanted.
+    contents: Option<Vec<Value>>,
 }
 
 impl View {
-    /// None when the bytes hold no frame at all.
-    pub(super) fn new(bytes: &[u8]) -> Option<Self> {
+    /// The frames of these bytes, each with its contents where they are wanted.
+    ///
+    /// # Errors
+    /// The bytes hold no frame that can be read: what is wrong with the first one.
+    pub(super) fn new(bytes: &[u8], contents: bool) -> Result<Self, String> {
         let mut decoder = StreamDecoder::new();
         decoder.push(bytes);
         let mut view = Self {
             counters: StreamCounters::default(),
+            held_bytes: 0,
             data: 0,
             configurations: Vec::new(),
+            in_force: BTreeMap::new(),
+            not_configured: 0,
+            faulty: 0,
+            faults: Vec::new(),
+            contents: contents.then(Vec::new),
         };
         let mut assembler = ConfigurationAssembler::new();
         while let Some(frame) = decoder.next_frame() {
-            match decode(&frame) {
-                Ok(Frame::Data(_)) => view.data += 1,
-                Ok(Frame::Configuration(configuration)) => view.add(configuration),
-                Ok(Frame::ConfigurationPart(part)) => {
-                    if let Ok(Some(configuration)) = assembler.push(part) {
-                        view.add(configuration);
-                    }
+            let number = decoder.counters().frames;
+            if let Err(fault) = view.take(&frame, &mut assembler) {
+                view.faulty += 1;
+                if view.faults.len() < FAULTS_TOLD_MAX {
+                    view.faults.push((number, fault.clone()));
                 }
-                Ok(Frame::Header(_) | Frame::Command(_)) | Err(_) => {}
+                view.note(|| json!({"fault": fault}));
             }
         }
         view.counters = decoder.counters();
-        (view.counters.frames > 0).then_some(view)
+        view.held_bytes = decoder.held_bytes();
+        if view.counters.frames == 0 {
+            decode(bytes).map_err(|error| error.to_string())?;
+        }
+        if let (true, Some((_, fault))) = (view.faulty == view.counters.frames, view.faults.first())
+        {
+            return Err(fault.clone());
+        }
+        Ok(view)
+    }
+
+    fn take(&mut self, bytes: &[u8], assembler: &mut ConfigurationAssembler) -> Result<(), String> {
+        let frame = decode(bytes).map_err(|error| error.to_string())?;
+        match frame {
+            Frame::Data(message) => {
+                self.data += 1;
+                if let Some(configuration) = self.in_force.get(&message.prefix.id_code) {
+                    let data = message.decode(configuration).map_err(|e| e.to_string())?;
+                    if let Some(contents) = &mut self.contents {
+                        contents.push(frame_contents::data(&data, configuration));
+                    }
+                } else {
+                    self.not_configured += 1;
+                    self.note(|| frame_contents::unread(&message));
+                }
+            }
+            Frame::Configuration(configuration) => self.add(configuration),
+            Frame::ConfigurationPart(part) => {
+                let (prefix, index) = (part.prefix, part.index);
+                let whole = assembler.push(part).map_err(|error| error.to_string())?;
+                match whole {
+                    Some(configuration) => self.add(configuration),
+                    None => self.note(|| frame_contents::part(prefix, index)),
+                }
+            }
+            Frame::Header(header) => self.note(|| frame_contents::header(&header)),
+            Frame::Command(command) => self.note(|| frame_contents::command(&command)),
+        }
+        Ok(())
     }
 
     fn add(&mut self, configuration: Configuration) {
+        self.note(|| frame_contents::configuration(&configuration));
         let mut known = self.configurations.iter();
         if !known.any(|known| known.says_the_same_as(&configuration)) {
-            self.configurations.push(configuration);
+            self.configurations.push(configuration.clone());
+        }
+        // What a source could send (CFG-1) says nothing of what it sends.
+        if configuration.kind != ConfigurationKind::Configuration1 {
+            let stream = configuration.prefix.id_code;
+            self.in_force.insert(stream, configuration);
+        }
+    }
+
+    fn note(&mut self, content: impl FnOnce() -> Value) {
+        if let Some(contents) = &mut self.contents {
+            contents.push(content());
         }
     }
 
@@ -57,14 +131,18 @@ impl View {
         writeln!(
             out,
             "IEEE C37.118.2: {} frames, {} of data, {} bytes that are no frame",
-            counters.frames, self.data, counters.skipped_bytes
+            counters.frames,
+            self.data,
+            counters.skipped_bytes + self.held_bytes as u64
         )
         .ok();
+        self.write_faults(&mut out);
         for configuration in &self.configurations {
             let kind: FrameKind = configuration.kind.frame_kind();
             let (id_code, rate) = (configuration.prefix.id_code, configuration.rate);
-            let rate = rate.frames_per_second().unwrap_or(f64::NAN);
-            writeln!(out, "\n{kind} of stream {id_code}, {rate} frames/s").ok();
+            let rate = rate.frames_per_second();
+            let rate = rate.map_or("no rate".to_owned(), |rate| format!("{rate} frames/s"));
+            writeln!(out, "\n{kind} of stream {id_code}, {rate}").ok();
             for pmu in &configuration.pmus {
                 describe(pmu, &mut out);
             }
@@ -72,7 +150,40 @@ impl View {
         if self.configurations.is_empty() {
             out.push_str("no configuration among them: the data cannot be read\n");
         }
+        for content in self.contents.iter().flatten() {
+            writeln!(out, "{content}").ok();
+        }
         out
+    }
+
+    fn write_faults(&self, out: &mut String) {
+        let bad = self.counters.bad_checksums;
+        if bad > 0 {
+            writeln!(out, "  {bad} with a wrong check word").ok();
+        }
+        if self.held_bytes > 0 {
+            let held = self.held_bytes;
+            writeln!(
+                out,
+                "  the last {held} bytes begin a frame and do not end it"
+            )
+            .ok();
+        }
+        if self.not_configured > 0 {
+            let count = self.not_configured;
+            writeln!(
+                out,
+                "  {count} of data before a configuration of their stream"
+            )
+            .ok();
+        }
+        for (number, fault) in &self.faults {
+            writeln!(out, "  frame {number} cannot be read: {fault}").ok();
+        }
+        let further = self.faulty - self.faults.len() as u64;
+        if further > 0 {
+            writeln!(out, "  nor can {further} others").ok();
+        }
     }
 
     pub(super) fn json(&self) -> Value {
@@ -85,14 +196,25 @@ impl View {
                 "pmus": pmus,
             })
         });
-        json!({
+        let faults = self.faults.iter();
+        let faults = faults.map(|(number, fault)| json!({"frame": number, "fault": fault}));
+        let mut view = json!({
             "v": 1,
             "format": "C37.118",
             "frames": self.counters.frames,
             "data_frames": self.data,
             "skipped_bytes": self.counters.skipped_bytes,
+            "bad_checksums": self.counters.bad_checksums,
+            "incomplete_bytes": self.held_bytes,
+            "data_frames_not_configured": self.not_configured,
+            "faulty_frames": self.faulty,
+            "faults": faults.collect::<Vec<_>>(),
             "configurations": configurations.collect::<Vec<_>>(),
-        })
+        });
+        if let Some(contents) = &self.contents {
+            view["contents"] = Value::Array(contents.clone());
+        }
+        view
     }
 }
 
@@ -155,7 +277,8 @@ fn toml(mapping: &LoadMapping, id_code: u16) -> String {
     )
 }
 
-const fn quantity(quantity: PhasorQuantity) -> &'static str {
+/// Word for what a phasor is a phasor of.
+pub(super) const fn quantity(quantity: PhasorQuantity) -> &'static str {
     match quantity {
         PhasorQuantity::Voltage => "voltage",
         PhasorQuantity::Current => "current",

@@ -1,6 +1,7 @@
 //! `loadmodeld inspect PATH`: what is in a COMTRADE recording, a site folder or a file of C37.118 frames.
 
 mod comtrade;
+mod frame_contents;
 mod frames;
 mod site_folder;
 #[cfg(test)]
@@ -38,6 +39,9 @@ pub struct InspectArgs {
     /// Read a COMTRADE recording whose data end early or hold blank lines all the same.
     #[arg(long)]
     pub lenient: bool,
+    /// Print what each C37.118 frame holds, one line of JSON a frame.
+    #[arg(long)]
+    pub frames: bool,
 }
 
 /// Why there is nothing to show.
@@ -50,6 +54,12 @@ pub enum Error {
     /// The site folder cannot be read.
     #[error(transparent)]
     SiteFolder(#[from] folders::Error),
+    /// The file begins as one of C37.118 frames does and holds none.
+    #[error("no C37.118 frame can be read: {fault}")]
+    Frames {
+        /// What is wrong with the first one.
+        fault: String,
+    },
     /// No code page has this name.
     #[error("no code page is called '{name}'")]
     CodePage {
@@ -79,7 +89,9 @@ pub fn run(args: &InspectArgs, out: &mut dyn Write) -> Result<(), Error> {
     let (text, json) = if let Some(directory) = folder(&args.path) {
         let folder = folders::load_events(directory)?;
         (site_folder::text(&folder), site_folder::json(&folder))
-    } else if let Some(view) = frames(&args.path) {
+    } else if let Some(bytes) = frames(&args.path) {
+        let view =
+            frames::View::new(&bytes, args.frames).map_err(|fault| Error::Frames { fault })?;
         (view.text(), view.json())
     } else {
         let recording = reader::read(&args.path, &options(args)?)?;
@@ -94,11 +106,11 @@ pub fn run(args: &InspectArgs, out: &mut dyn Write) -> Result<(), Error> {
     Ok(())
 }
 
-/// The frames of a file that begins with one.
-fn frames(path: &Path) -> Option<frames::View> {
+/// The bytes of a file that begins as a frame does.
+fn frames(path: &Path) -> Option<Vec<u8>> {
     const SYNC: u8 = 0xaa;
     let bytes = fs::read(path).ok()?;
-    (bytes.first() == Some(&SYNC)).then(|| frames::View::new(&bytes))?
+    (bytes.first() == Some(&SYNC)).then_some(bytes)
 }
 
 /// The site folder a path names: the directory, or the one its `site.json` lies in.

@@ -11,6 +11,7 @@ fn args(path: PathBuf, json: bool) -> InspectArgs {
         code_page: None,
         utc_offset: None,
         lenient: false,
+        frames: false,
     }
 }
 
@@ -141,4 +142,58 @@ fn a_file_of_frames_is_described_with_a_table_that_the_configuration_takes() {
     let json: Value = serde_json::from_str(&output(&args(frames, true))).unwrap();
     let phasors = &json["configurations"][0]["pmus"][0]["phasors"];
     assert_eq!(phasors[0]["name"], "V1");
+}
+
+/// The frames of the corpus: a configuration and four of data.
+fn corpus() -> Vec<u8> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    fs::read(root.join("fuzz/corpus/c37118_messages/configured")).unwrap()
+}
+
+fn of_bytes(bytes: &[u8], json: bool) -> Result<String, Error> {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("frames");
+    fs::write(&path, bytes).unwrap();
+    let mut args = args(path, json);
+    args.frames = json;
+    let mut out = Vec::new();
+    run(&args, &mut out)?;
+    Ok(String::from_utf8(out).unwrap())
+}
+
+#[test]
+fn every_frame_is_told_with_its_numbers() {
+    let json: Value = serde_json::from_str(&of_bytes(&corpus(), true).unwrap()).unwrap();
+    let contents = json["contents"].as_array().unwrap();
+    assert_eq!(contents.len(), 5, "{contents:?}");
+    assert_eq!(contents[0]["kind"], "CFG-2");
+    for frame in &contents[1..] {
+        let pmu = &frame["pmus"][0];
+        assert_eq!(pmu["phasors"][0]["name"], "V1");
+        assert!(pmu["phasors"][0]["magnitude"].as_f64().unwrap() > 0.0);
+        assert!((pmu["frequency_hz"].as_f64().unwrap() - 60.0).abs() < 1.0);
+    }
+}
+
+#[test]
+fn what_is_wrong_with_a_file_of_frames_is_said() {
+    let whole = corpus();
+    let length = |at: usize| usize::from(u16::from_be_bytes([whole[at + 2], whole[at + 3]]));
+    let first = length(0);
+
+    let error = of_bytes(&whole[..first - 1], false).unwrap_err();
+    let expected = format!("FRAMESIZE: says {first} bytes, {} were received", first - 1);
+    assert!(error.to_string().contains(&expected), "{error}");
+
+    // The first data frame has a wrong check word, the last one is cut off.
+    let mut damaged = whole[..whole.len() - 3].to_vec();
+    damaged[first + length(first) - 1] ^= 1;
+    let text = of_bytes(&damaged, false).unwrap();
+    assert!(text.contains("3 frames, 2 of data"), "{text}");
+    assert!(text.contains("1 with a wrong check word"), "{text}");
+    assert!(text.contains("begin a frame and do not end it"), "{text}");
+
+    let text = of_bytes(&whole[first..], false).unwrap();
+    let expected = "4 of data before a configuration of their stream";
+    assert!(text.contains(expected), "{text}");
 }

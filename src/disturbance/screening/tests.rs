@@ -87,7 +87,40 @@ fn many_bad_samples_are_refused_and_few_are_not() {
         })
     };
     assert_eq!(refusals(&bad(4)), ["too_many_bad_samples"]);
+    assert!(judged(&bad(4)).marks.is_empty());
     assert!(refusals(&bad(10)).is_empty());
+    assert_eq!(labels(&judged(&bad(10)).marks), ["bad_samples"]);
+}
+
+#[test]
+fn a_sample_lost_is_a_mark_at_the_onset_and_none_elsewhere() {
+    let lost = |at: usize| {
+        changed(dip(0.2), move |k, s| {
+            if k == at {
+                *s = Sample::missing(s.time_ns);
+            }
+        })
+    };
+    let at_onset = ScreeningReason::BadSamples {
+        bad_share: 1.0 / dip(0.2).record.samples.len() as f64,
+        at_onset: 1,
+    };
+    assert_eq!(labels(&judged(&lost(ONSET + 3)).marks), ["bad_samples"]);
+    let sentence = judged(&lost(ONSET + 3)).marks.remove(0).to_string();
+    assert_eq!(sentence, at_onset.to_string());
+    assert_eq!(judged(&lost(0)), Screening::default());
+}
+
+#[test]
+fn a_clock_out_of_step_is_a_mark() {
+    let unsynchronised = changed(dip(0.2), |k, s| {
+        if k < 3 {
+            s.quality = Quality::NOT_SYNCHRONISED;
+        }
+    });
+    let marked = judged(&unsynchronised);
+    assert_eq!(labels(&marked.marks), ["clock_not_synchronised"]);
+    assert!(marked.usable());
 }
 
 #[test]

@@ -101,6 +101,11 @@ impl Concentrator {
         report.lost_batches = news.lost;
         report.found_batches = news.found;
         match self.fit(batch) {
+            // Its running number says that it was waited for, so it begins no other recording.
+            Fit::Starts(Restart::Backward { .. }) if news.found > 0 => {
+                report.late = report.received;
+                return report;
+            }
             Fit::Elsewhere => {
                 report.off_grid = report.received;
                 self.note_astray(batch, &report);

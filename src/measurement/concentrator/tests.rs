@@ -276,6 +276,27 @@ fn lost_batches_are_counted_from_the_running_number() {
 }
 
 #[test]
+fn a_batch_that_was_waited_for_is_late_however_late_it_comes() {
+    let numbered = |number: u64| SampleBatch {
+        sequence: Some(number),
+        ..whole(i64::try_from(number).unwrap() * 10, 10)
+    };
+    let batches = (0..=1200)
+        .filter(|k| *k != 1000)
+        .chain([1000, 1201])
+        .map(numbered);
+    let (_, total) = runs_of(&mut concentrator(), &batches.collect::<Vec<_>>());
+    assert_eq!(
+        (total.restarts, total.late, total.found_batches),
+        (0, 10, 1)
+    );
+    // One that was not is another recording.
+    let batches = (0..=1200).chain([1000]).map(numbered).collect::<Vec<_>>();
+    let (_, total) = runs_of(&mut concentrator(), &batches);
+    assert_eq!((total.restarts, total.late), (1, 0));
+}
+
+#[test]
 fn malformed_batches_are_refused_with_the_reason() {
     let mut concentrator = concentrator();
     let refusal = |concentrator: &mut Concentrator, change: &dyn Fn(&mut SampleBatch)| {

@@ -89,6 +89,32 @@ fn steps_of_time_are_counted_by_kind_with_what_they_passed_over() {
 }
 
 #[test]
+fn a_jump_between_recordings_is_one_step_and_not_the_months_between() {
+    const DAY_S: i64 = 86_400;
+    let steps = |bench: &Bench| {
+        ["forward", "jump"].map(|kind| bench.metric(&catalogue::TIME_STEPS, &["north", kind]))
+    };
+    let mut replayed = Bench::new();
+    for shift_s in [0, 60 * DAY_S, 120 * DAY_S] {
+        let _ = replayed.apply(Event::BatchDecoded(Bench::dip(shift_s)));
+        replayed.pass(20 * SECOND_NS);
+        let _ = replayed.apply(Event::Tick);
+    }
+    assert_eq!(steps(&replayed).map(|n| format!("{n:.0}")), ["0", "2"]);
+    assert!(samples(&replayed, "skipped").abs() < 0.5);
+
+    // A source that was away for as long as its stamps say has left every instant out.
+    let mut away = Bench::new();
+    let _ = away.apply(Event::BatchDecoded(Bench::dip(0)));
+    away.pass(DAY_S * SECOND_NS);
+    let _ = away.apply(Event::Tick);
+    let _ = away.apply(Event::BatchDecoded(Bench::dip(DAY_S)));
+    assert_eq!(steps(&away).map(|n| format!("{n:.0}")), ["1", "0"]);
+    let expected = (DAY_S - 10) as f64 * 50.0;
+    assert!((samples(&away, "skipped") - expected).abs() < 0.5);
+}
+
+#[test]
 fn silence_is_counted_with_what_it_leaves_missing() {
     let mut bench = Bench::new();
     let mut first = Bench::dip(0);

@@ -420,6 +420,11 @@ mod tests {
             message(&with("rate_fps", json!(0))),
             "a rate of 0 samples per second is outside 1 to 10000"
         );
+        let told = message(&with("start_ns", json!(1e19)));
+        assert!(
+            told.starts_with("the batch is not a well-formed JSON document: start_ns is no whole"),
+            "{told}"
+        );
     }
 
     #[test]

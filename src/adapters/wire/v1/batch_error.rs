@@ -20,7 +20,7 @@ pub enum BatchError {
     #[error("the batch is neither a JSON object nor a CBOR map")]
     UnknownEncoding,
     /// Not well formed, or a field of the wrong type.
-    #[error("the batch is not a well-formed {encoding:?} document: {reason}")]
+    #[error("the batch is not a well-formed {encoding} document: {reason}")]
     Malformed {
         /// What it was read as.
         encoding: Encoding,

@@ -155,12 +155,14 @@ fn nanoseconds<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<i64>
     enum Spelled {
         Number(i64),
         Digits(String),
+        Other(de::IgnoredAny),
     }
+    let refused =
+        || de::Error::custom("start_ns is no whole number of nanoseconds that fits 64 bits");
     match Option::<Spelled>::deserialize(deserializer)? {
         None => Ok(None),
         Some(Spelled::Number(number)) => Ok(Some(number)),
-        Some(Spelled::Digits(digits)) => digits.parse().map(Some).map_err(|_| {
-            de::Error::custom("start_ns is no whole number of nanoseconds that fits 64 bits")
-        }),
+        Some(Spelled::Digits(digits)) => digits.parse().map(Some).map_err(|_| refused()),
+        Some(Spelled::Other(_)) => Err(refused()),
     }
 }

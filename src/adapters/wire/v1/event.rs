@@ -83,6 +83,15 @@ pub enum ReasonV1 {
         #[serde(with = "nullable")]
         required_share: f64,
     },
+    BadSamples {
+        #[serde(with = "nullable")]
+        bad_share: f64,
+        at_onset: usize,
+    },
+    ClockNotSynchronised {
+        #[serde(with = "nullable")]
+        share: f64,
+    },
     PreEventTooShort {
         #[serde(with = "nullable")]
         seconds: f64,
@@ -216,6 +225,14 @@ impl From<&ScreeningReason> for ReasonV1 {
                 usable_share,
                 required_share,
             },
+            ScreeningReason::BadSamples {
+                bad_share,
+                at_onset,
+            } => Self::BadSamples {
+                bad_share,
+                at_onset,
+            },
+            ScreeningReason::ClockNotSynchronised { share } => Self::ClockNotSynchronised { share },
             ScreeningReason::PreEventTooShort {
                 seconds,
                 required_s,
@@ -260,6 +277,14 @@ impl From<ReasonV1> for ScreeningReason {
                 usable_share,
                 required_share,
             },
+            ReasonV1::BadSamples {
+                bad_share,
+                at_onset,
+            } => Self::BadSamples {
+                bad_share,
+                at_onset,
+            },
+            ReasonV1::ClockNotSynchronised { share } => Self::ClockNotSynchronised { share },
             ReasonV1::PreEventTooShort {
                 seconds,
                 required_s,
