@@ -7,6 +7,7 @@
 
 mod edges;
 mod frequency;
+mod gaps;
 mod jumps;
 mod operating_point;
 mod prepare;

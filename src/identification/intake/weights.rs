@@ -112,7 +112,8 @@ fn deviation_from_line(values: &[f64]) -> f64 {
     (sum / (n - 2) as f64).sqrt()
 }
 
-/// Whether sample `k` may enter the fit.
-pub(super) fn used(series: &Series) -> Vec<bool> {
-    series.bad.iter().map(|bad| !bad).collect()
+/// Whether sample `k` may enter the fit: good, and not behind a gap that hides what the voltage did.
+pub(super) fn used(series: &Series, behind_gap: &[bool]) -> Vec<bool> {
+    let flags = series.bad.iter().zip(behind_gap);
+    flags.map(|(bad, behind)| !bad && !behind).collect()
 }
