@@ -11,7 +11,7 @@ use super::{
     fit::{ComposedFit, ComposedFitOptions, Place, fit_rows},
     rows::EventRows,
 };
-use crate::identification::intake::PreparedEvent;
+use crate::{identification::intake::PreparedEvent, load_model::effect::Role};
 
 /// Shares of the assumed spread, narrowest first.
 const SHARES: [f64; 5] = [0.062_5, 0.125, 0.25, 0.5, 1.0];
@@ -35,19 +35,18 @@ pub fn narrowed(
         return fit.clone();
     }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    // A relay's settings have corners at which a step along all parameters at once goes nowhere.
+    let smooth = without_shapes(fit);
     let again = |from: &ComposedFit, shares: [f64; 2]| {
         let options = ComposedFitOptions {
             scatter: options.scatter.times(shares),
             ..*options
         };
-        fit_rows(
-            &rows,
-            &from.model,
-            &from.parameters,
-            &from.free,
-            &options,
-            cancel,
-        )
+        let of = |start: &[f64], free: &[usize]| {
+            fit_rows(&rows, &from.model, start, free, &options, cancel)
+        };
+        let eased = of(&from.parameters, &smooth)?;
+        of(&eased.parameters, &from.free)
     };
     let moved = || {
         let narrowest = again(fit, [SHARES[0]; 2])?;
@@ -59,6 +58,14 @@ pub fn narrowed(
         }
     };
     moved().unwrap_or_else(|| fit.clone())
+}
+
+/// What is free in a fit but for the shapes of effects.
+fn without_shapes(fit: &ComposedFit) -> Vec<usize> {
+    let parameters = fit.model.parameters();
+    let free = fit.free.iter().copied();
+    free.filter(|&i| parameters[i].declaration.role != Role::Shape)
+        .collect()
 }
 
 /// The narrowest shares of the spreads under which the events are about as likely as under the best ones,
