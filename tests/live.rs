@@ -153,8 +153,10 @@ fn a_source_that_sends_datagrams_by_itself_is_listened_to() {
         let mut played = Played::new(&site(100.0), RATE_FPS, ID_CODE).unwrap();
         let configuration = played.configuration(ConfigurationKind::Configuration2);
         let configuration = configuration.encode().unwrap().remove(0);
+        let stranger = UdpSocket::bind("127.0.0.2:0").await.unwrap();
         let mut k = 0;
-        while bridge.numbers().len() < 50 {
+        while bridge.numbers().len() < 50 || bridge.counters.read().foreign == 0 {
+            drop(stranger.send_to(&configuration, local).await);
             // Nobody may be listening yet: that is an error of the next call on some systems.
             drop(socket.send_to(&configuration, local).await);
             let frame = played.frame(&sample(k)).unwrap().unwrap();

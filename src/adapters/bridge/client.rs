@@ -202,7 +202,7 @@ impl Client<'_> {
                     timeout(limit, rest).await.ok();
                     return Ok(End::Stopped);
                 }
-                read = link.read(&mut bytes) => {
+                read = link.read(&mut bytes, self.counters) => {
                     let count = read?;
                     if count == 0 && !link.is_datagrams() {
                         return Ok(End::Broken);
@@ -223,7 +223,7 @@ impl Client<'_> {
         } else {
             Duration::ZERO
         };
-        while let Ok(Ok(count @ 1..)) = timeout(silence, link.read(bytes)).await {
+        while let Ok(Ok(count @ 1..)) = timeout(silence, link.read(bytes, self.counters)).await {
             let steps = self.frames(decoder, &bytes[..count], link.is_datagrams());
             // Nothing more is said to the source.
             let steps = steps.into_iter().filter(|s| !matches!(s, Step::Send(_)));
@@ -356,7 +356,7 @@ impl Link {
         matches!(self, Self::Udp(_) | Self::Heard(..))
     }
 
-    async fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+    async fn read(&mut self, bytes: &mut [u8], counters: &Counters) -> io::Result<usize> {
         match self {
             Self::Tcp(stream) => stream.read(bytes).await,
             Self::Udp(socket) => socket.recv(bytes).await,
@@ -365,6 +365,7 @@ impl Link {
                 if from.ip() == *host {
                     return Ok(count);
                 }
+                counters.update(|totals| totals.foreign += 1);
             },
         }
     }

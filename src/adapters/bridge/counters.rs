@@ -17,6 +17,8 @@ pub struct Totals {
     pub silent: u64,
     /// Connections given up because no configuration came.
     pub unanswered: u64,
+    /// Datagrams that came from another host than the source's and were not looked at.
+    pub foreign: u64,
     /// Bytes and frames of all connections.
     pub stream: StreamCounters,
     /// What the frames were.
@@ -50,7 +52,7 @@ impl Counters {
 impl Totals {
     /// Each count with its name, for a log line or a document.
     #[must_use]
-    pub const fn named(&self) -> [(&'static str, u64); 21] {
+    pub const fn named(&self) -> [(&'static str, u64); 22] {
         let (stream, dialogue) = (&self.stream, &self.dialogue);
         [
             ("connections", self.connections),
@@ -58,6 +60,7 @@ impl Totals {
             ("broken", self.broken),
             ("silent", self.silent),
             ("unanswered", self.unanswered),
+            ("foreign", self.foreign),
             ("bytes", stream.bytes),
             ("frames", stream.frames),
             ("skipped_bytes", stream.skipped_bytes),

@@ -181,8 +181,7 @@ pub(super) fn fit_rows(
         0.0
     };
     let begun = fitting.finished()?;
-    // Events that vary leave much by the noise alone, and little once their variation is allowed for.
-    if left > FAR && begun.chi_square_per_row() > APPROACHED {
+    if left > FAR {
         return Some(begun);
     }
     // Renewed covariances may find the end of a round above where it began.

@@ -45,6 +45,9 @@ pub fn narrowed(
         let of = |start: &[f64], free: &[usize]| {
             fit_rows(&rows, &from.model, start, free, &options, cancel)
         };
+        if smooth == from.free {
+            return of(&from.parameters, &from.free);
+        }
         let eased = of(&from.parameters, &smooth)?;
         of(&eased.parameters, &from.free)
     };

@@ -4,8 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
+    coordinates::Coordinates,
     covariance::EventCovariance,
-    fit::{ComposedFit, ComposedFitOptions},
+    fit::{ComposedFit, ComposedFitOptions, Place},
     rows::{EventRows, Scatter},
 };
 use crate::{
@@ -161,6 +162,17 @@ pub(super) fn thresholds(events: &[PreparedEvent], declared: &Parameter) -> Vec<
 }
 
 impl Step<'_> {
+    /// Where the model is simulated and compared with the events.
+    pub(super) fn place<'a>(&'a self, coordinates: &'a Coordinates) -> Place<'a> {
+        Place {
+            rows: self.rows,
+            model: self.model,
+            coordinates,
+            scatter: &self.options.scatter,
+            cancel: self.cancel,
+        }
+    }
+
     /// The origin's parameters with the effect absent.
     pub(super) fn neutral(&self) -> Vec<f64> {
         let value = |name: &str| {

@@ -3,11 +3,7 @@
 
 use nalgebra::DVector;
 
-use super::{
-    coordinates::Coordinates,
-    fit::{ComposedFit, Place},
-    screening::Step,
-};
+use super::{coordinates::Coordinates, fit::ComposedFit, screening::Step};
 use crate::{
     load_model::effect::{Role, Scale},
     numerics::Objective,
@@ -60,13 +56,7 @@ fn towards_priors(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {
         return None;
     }
     let coordinates = Coordinates::new(step.model, &fit.parameters, &fit.free);
-    let fixed = Place {
-        rows: step.rows,
-        model: step.model,
-        coordinates: &coordinates,
-        scatter: &step.options.scatter,
-        cancel: step.cancel,
-    };
+    let fixed = step.place(&coordinates);
     let mut x = coordinates.unknowns(&fit.parameters);
     let problem = fixed.problem(&x, None)?;
     let (begun, centres) = (problem.value(&x)?, coordinates.centres());
@@ -94,13 +84,7 @@ fn centred(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {
     let place = fit.free.iter().position(|i| *i == index)?;
     let coordinates = Coordinates::new(step.model, &fit.parameters, &fit.free);
     let x = coordinates.unknowns(&fit.parameters);
-    let fixed = Place {
-        rows: step.rows,
-        model: step.model,
-        coordinates: &coordinates,
-        scatter: &step.options.scatter,
-        cancel: step.cancel,
-    };
+    let fixed = step.place(&coordinates);
     let problem = fixed.problem(&x, None)?;
     let bounds = coordinates.bounds();
     let at = |value: f64| {

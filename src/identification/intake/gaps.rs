@@ -14,9 +14,10 @@ use nalgebra::Complex;
 
 use super::series::Series;
 
-/// A gap at least this long can hide a motion; what is shorter is left to the search for jumps. Chosen: four
-/// samples at 60 frames/s.
+/// A gap can hide a motion when its neighbours are at least this far apart and it has this many samples; what is shorter is
+/// left to the search for jumps, which finds instants between samples. Chosen: three samples at 60 frames/s, two at 30.
 const GAP_S: f64 = 0.06;
+const GAP_SAMPLES: usize = 2;
 /// Samples over which the slopes beside a gap are taken.
 const BESIDE: usize = 3;
 /// (1) of the phasor of the voltage, relative to V0, from which a gap hides something. Chosen: three times what a noise of
@@ -40,7 +41,8 @@ pub(super) fn behind(series: &Series, v0_pu: f64, p0_pu: f64) -> Vec<bool> {
             first: pair[1],
             samples: n,
         };
-        if gap.length() / series.rate_fps < GAP_S {
+        let missing = gap.first - gap.last - 1;
+        if missing < GAP_SAMPLES || gap.length() / series.rate_fps < GAP_S {
             continue;
         }
         if gap.departure(phasor) > VOLTAGE_HIDDEN || gap.departure(power) > POWER_HIDDEN {
@@ -87,16 +89,22 @@ impl Gap {
 mod tests {
     use super::*;
 
-    const RATE_FPS: f64 = 60.0;
-
-    /// P and V alike, the samples of `gap` bad and bridged.
+    /// P and V alike at 60 samples/s, the samples of `gap` bad and bridged.
     fn series(voltage: impl Fn(f64) -> f64, gap: std::ops::Range<usize>) -> Series {
+        series_at(60.0, voltage, gap)
+    }
+
+    fn series_at(
+        rate_fps: f64,
+        voltage: impl Fn(f64) -> f64,
+        gap: std::ops::Range<usize>,
+    ) -> Series {
         let n = 200;
-        let course = (0..n).map(|k| voltage(k as f64 / RATE_FPS));
+        let course = (0..n).map(|k| voltage(k as f64 / rate_fps));
         let bad: Vec<bool> = (0..n).map(|k| gap.contains(&k)).collect();
         let bridged = super::super::series::bridged(&course.collect::<Vec<_>>(), &bad).unwrap();
         Series {
-            rate_fps: RATE_FPS,
+            rate_fps,
             nominal_hz: 60.0,
             angle: vec![0.0; n],
             frequency_hz: vec![60.0; n],
@@ -137,6 +145,8 @@ mod tests {
     fn a_bad_sample_beside_a_jump_is_left_to_the_search_for_jumps() {
         let step = |t: f64| if t < 1.0 { 1.0 } else { 0.7 };
         assert_eq!(count(&series(step, 60..61)), 0);
+        assert_eq!(count(&series_at(30.0, step, 30..31)), 0);
+        assert_eq!(count(&series_at(30.0, step, 29..31)), 15);
         assert!(count(&series(step, 58..64)) > 0);
     }
 }

@@ -20,8 +20,8 @@
 //! dP = F ((1 - s + s b) p_run + s (1 - b) k p_stall - 1), dQ likewise                        (6)
 //! ```
 //!
-//! The running curves are fixed: recordings do not determine them. Below the voltage where it meets (3) the
-//! running curve is that of a motor which has stopped.
+//! The running curves are fixed: recordings do not determine them; their voltages are shares of V0. Below the voltage
+//! where it meets (3) the running curve is that of a motor which has stopped.
 //!
 //! Source: motor D of the WECC composite load model: Kq1 6, Nq1 2, Kp2 12, Np2 3.2, Kq2 11, Nq2 2.5, Vbrk .86, Rstall
 //! .124, Xstall .114, Tstall .033, Vstall .55-.65, Vrst .9-.95, Trst .3-.4, Th1t .7-1.3, Th2t 1.9-4.3, Tth 10-15 s (all from
