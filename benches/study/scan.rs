@@ -41,6 +41,18 @@ pub fn minima(problem: &JointProblem<'_>, shape: [usize; OUTER]) -> Vec<LocalSol
     minima
 }
 
+/// Where the local solver comes to from the end of a polish with tolerances of rounding's size.
+pub fn followed(problem: &JointProblem<'_>, x: &[f64; OUTER]) -> Option<LocalSolution> {
+    let options = local_solver::Options {
+        evaluations_max: 20_000,
+        decrease_relative: 1e-16,
+        step_relative: 1e-18,
+        ..local_solver::Options::default()
+    };
+    let start = DVector::from_column_slice(x);
+    local_solver::minimise(problem, &outer_bounds(), &start, &options, &|| false).ok()
+}
+
 fn is_minimum(values: &[f64], shape: [usize; OUTER], cell: [usize; OUTER]) -> bool {
     let index = |at: [usize; OUTER]| (at[0] * shape[1] + at[1]) * shape[2] + at[2];
     let around = |i: usize| cell[i].saturating_sub(1)..=(cell[i] + 1).min(shape[i] - 1);

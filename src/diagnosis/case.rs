@@ -190,6 +190,27 @@ impl<'a> Case<'a> {
         next.ok_or_else(|| self.failed())
     }
 
+    /// The same, where a round has found `fit` with the effect: begun there too, whichever ends lower.
+    pub(super) fn with_found(
+        &self,
+        base: &Baseline,
+        effect: &str,
+        fit: &ComposedFit,
+    ) -> Result<Baseline, IdentificationError> {
+        self.watcher.check()?;
+        let (options, cancel) = (&self.options.composed, self.watcher.cancel);
+        let found = base.with_fit(&self.judged, effect, fit, options, cancel)?;
+        self.watcher.check()?;
+        match found {
+            Some(found) if found.all.parameters.len() == fit.parameters.len() => Ok(found),
+            Some(found) => Ok(match self.with(base, effect) {
+                Ok(own) if own.all.criterion() < found.all.criterion() => own,
+                _ => found,
+            }),
+            None => self.with(base, effect),
+        }
+    }
+
     pub(super) fn failed(&self) -> IdentificationError {
         if (self.watcher.cancel)() {
             IdentificationError::Cancelled

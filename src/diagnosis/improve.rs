@@ -6,12 +6,16 @@ use super::{
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status},
     round::round,
+    trials::addable,
     where_it_fails::failure,
 };
 use crate::{
     disturbance::Window,
-    identification::{ErrorSummary, IdentificationError, composed::Baseline},
-    load_model::{Structure, structure::StructureError},
+    identification::{
+        ErrorSummary, IdentificationError,
+        composed::{Baseline, ComposedFit, Ground, refine},
+    },
+    load_model::{Structure, effects, structure::StructureError},
     measurement::Site,
 };
 
@@ -34,6 +38,8 @@ pub enum Change {
 const ROUNDS_MAX: usize = 4;
 /// An effect is dropped when the criterion without it is at most this much worse.
 const SUPERFLUOUS_DELTA_BIC: f64 = 10.0;
+/// One gives way to another where the criterion is lower by this much.
+const EXCHANGE_DELTA_BIC: f64 = 10.0;
 /// A step may raise the error on events not fitted by this share: the spread of composition alone
 /// moves it as much.
 const WORSE_MAX: f64 = 0.02;
@@ -75,6 +81,14 @@ pub fn improve(
     })
 }
 
+/// A step up.
+struct Higher {
+    step: ImprovementStep,
+    next: Baseline,
+    /// Of each effect that an earlier step added, the structure without it.
+    without: Vec<(String, Baseline)>,
+}
+
 struct Stairs<'a> {
     case: &'a Case<'a>,
     at: Baseline,
@@ -107,12 +121,20 @@ impl<'a> Stairs<'a> {
     }
 
     fn diagnosis(&self) -> Result<Diagnosis, IdentificationError> {
-        report(self.case, &round(self.case, self.at.clone())?)
+        self.round().map(|(found, _)| found)
+    }
+
+    /// A diagnosis, and the fit with the first effect of its answer.
+    fn round(&self) -> Result<(Diagnosis, Option<ComposedFit>), IdentificationError> {
+        let round = round(self.case, self.at.clone())?;
+        let first = round.decision.answer.first();
+        let fit = first.and_then(|&place| round.trials[place].fit.clone());
+        Ok((report(self.case, &round)?, fit))
     }
 
     fn climb(&mut self) -> Result<(), IdentificationError> {
         for _ in 0..ROUNDS_MAX {
-            let mut found = self.diagnosis()?;
+            let (mut found, fit) = self.round()?;
             let missing = matches!(
                 found.status,
                 Status::MissingEffect | Status::InstrumentSuspect
@@ -121,11 +143,12 @@ impl<'a> Stairs<'a> {
                 self.last = Some(found);
                 return Ok(());
             };
-            match self.higher(&effect, &found.summary)? {
-                Ok((step, next)) => {
+            match self.higher(&effect, fit.as_ref(), &found.summary)? {
+                Ok(higher) => {
                     self.diagnoses.push(found);
-                    self.steps.push(step);
-                    self.at = next;
+                    self.steps.push(higher.step);
+                    self.at = higher.next;
+                    self.exchange(&effect, &higher.without)?;
                 }
                 Err(reason) => {
                     found
@@ -143,18 +166,26 @@ impl<'a> Stairs<'a> {
     fn higher(
         &self,
         effect: &str,
+        fit: Option<&ComposedFit>,
         reason: &str,
-    ) -> Result<Result<(ImprovementStep, Baseline), String>, IdentificationError> {
+    ) -> Result<Result<Higher, String>, IdentificationError> {
         let climbed = || {
-            let mut next = self.case.with(&self.at, effect)?;
-            let dropped = self.drop_superfluous(&mut next, effect)?;
+            let mut next = match fit {
+                Some(fit) => self.case.with_found(&self.at, effect, fit)?,
+                None => self.case.with(&self.at, effect)?,
+            };
+            let (dropped, without) = self.drop_superfluous(&mut next, effect)?;
             let step = self.step(&next, Some(effect.to_owned()), dropped, reason.to_owned())?;
-            Ok((step, next))
+            Ok(Higher {
+                step,
+                next,
+                without,
+            })
         };
         match climbed() {
-            Ok((step, _)) if self.worse(&step) => Ok(Err(format!(
+            Ok(higher) if self.worse(&higher.step) => Ok(Err(format!(
                 "the error on events not fitted rises to {:.2} times the noise",
-                deciding(&step).error_to_noise
+                deciding(&higher.step).error_to_noise
             ))),
             Ok(higher) => Ok(Ok(higher)),
             Err(
@@ -163,6 +194,74 @@ impl<'a> Stairs<'a> {
             ) => Ok(Err(error.to_string())),
             Err(error) => Err(error),
         }
+    }
+
+    /// Effects of earlier steps give way to what resembles them, where that follows the events better beside
+    /// the newest one: before that was there each had to make up for it. A step of its own each.
+    fn exchange(
+        &mut self,
+        newest: &str,
+        without: &[(String, Baseline)],
+    ) -> Result<(), IdentificationError> {
+        for (old, fewer) in without {
+            let Some((new, next)) = self.better_than(old, fewer)? else {
+                continue;
+            };
+            let step = self.step(
+                &next,
+                Some(new.clone()),
+                vec![old.clone()],
+                format!("beside {newest}, {new} follows the events better than {old}"),
+            )?;
+            if self.worse(&step) {
+                continue;
+            }
+            self.steps.push(step);
+            self.at = next;
+            // What is known of the other structures was of the one that is no more.
+            return Ok(());
+        }
+        Ok(())
+    }
+
+    /// The best of what resembles `old` in its place; none where `old` is.
+    fn better_than(
+        &self,
+        old: &str,
+        fewer: &Baseline,
+    ) -> Result<Option<(String, Baseline)>, IdentificationError> {
+        let (case, options) = (self.case, &self.case.options.composed);
+        let cancel = case.watcher.cancel;
+        let values = fewer.with_values_of(&case.judged, &self.at.all, options, cancel);
+        let Some(origin) = values else {
+            return Ok(None);
+        };
+        let origins = [&origin];
+        let ground = Ground::new(&case.judged, &fewer.structure, &origins, options, cancel);
+        let mut best: Option<(f64, &str, ComposedFit)> = None;
+        for new in addable(&fewer.structure, case.options) {
+            if new == old || !alike(old, new) {
+                continue;
+            }
+            case.watcher.says(format!("trying {new} for {old}"), 0, 1);
+            let sketched = fewer.sketched(&ground, &ground.screen(new)?);
+            case.watcher.check()?;
+            let Some(fit) = sketched else { continue };
+            let criterion = fit.criterion();
+            if best.as_ref().is_none_or(|(least, _, _)| criterion < *least) {
+                best = Some((criterion, new, fit));
+            }
+        }
+        let Some((_, new, fit)) = best else {
+            return Ok(None);
+        };
+        let fit = refine(&case.judged, fit, new, options, cancel);
+        case.watcher.check()?;
+        if fit.criterion() > self.at.all.criterion() - EXCHANGE_DELTA_BIC {
+            return Ok(None);
+        }
+        let next = fewer.completed(fit, new, options, cancel)?;
+        Ok(Some((new.to_owned(), next)))
     }
 
     fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), IdentificationError> {
@@ -191,14 +290,16 @@ impl<'a> Stairs<'a> {
         Ok(())
     }
 
-    /// Effects that earlier steps added and that `next` no longer needs are taken out of it.
+    /// Effects that earlier steps added and that `next` no longer needs are taken out of it. Those, and, where
+    /// there are none, each other with the structure without it.
     fn drop_superfluous(
         &self,
         next: &mut Baseline,
         newest: &str,
-    ) -> Result<Vec<String>, IdentificationError> {
+    ) -> Result<(Vec<String>, Vec<(String, Baseline)>), IdentificationError> {
         let added = self.steps.iter().filter_map(|s| s.added.clone());
         let mut dropped = Vec::new();
+        let mut without_each = Vec::new();
         for effect in added.filter(|e| e != newest) {
             if !next.structure.contains(&effect) {
                 continue;
@@ -208,9 +309,12 @@ impl<'a> Stairs<'a> {
             if worse_by <= SUPERFLUOUS_DELTA_BIC {
                 *next = fewer;
                 dropped.push(effect);
+                without_each.clear();
+            } else if dropped.is_empty() {
+                without_each.push((effect, fewer));
             }
         }
-        Ok(dropped)
+        Ok((dropped, without_each))
     }
 
     fn worse(&self, step: &ImprovementStep) -> bool {
@@ -252,6 +356,15 @@ impl<'a> Stairs<'a> {
 /// and must not have been chosen by.
 fn deciding(step: &ImprovementStep) -> &ErrorSummary {
     step.errors.gate.as_ref().unwrap_or(&step.errors.fit)
+}
+
+/// Whether one of two effects is declared to resemble the other.
+fn alike(one: &str, other: &str) -> bool {
+    let lists = |one: &str, other: &str| {
+        let effect = effects::find(one);
+        effect.is_some_and(|e| e.declaration().resembles.contains(&other))
+    };
+    lists(one, other) || lists(other, one)
 }
 
 fn without(structure: &Structure, effect: &str) -> Result<Structure, IdentificationError> {

@@ -30,6 +30,11 @@ const FAR_PER_ROW: f64 = 10.0;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
 
+/// An effect that leaves less than this share of the misfit says where everything else belongs.
+const RIVALS_BELOW: f64 = 0.5;
+/// Rivals that are sketched again from there, at most.
+const RIVALS_MAX: usize = 3;
+
 /// Effects that gain at least this share of what the best one gains are fitted to the end.
 const REFINED_SHARE: f64 = 0.4;
 
@@ -107,6 +112,8 @@ pub(super) fn trials(
         trial.fit = base.baseline.sketched(&ground, screened);
         case.watcher.check()?;
     }
+    refine(case, base, &mut list)?;
+    rivals_from_the_best(case, base, &mut list)?;
     refine(case, base, &mut list)?;
     list.sort_by(|a, b| {
         let by_criterion = a.delta_bic().total_cmp(&b.delta_bic());
@@ -188,14 +195,71 @@ fn screened(
     Ok(list.into_iter().unzip())
 }
 
-/// Fits the sketches that come near the best one to the end, and gathers what speaks for each.
+/// Where an effect with a threshold is ahead, others that have one are sketched once more with everything
+/// else as it has it: before the threshold's effect is in the model, all else is bent to make up for it, and
+/// from there not each of them finds its way.
+fn rivals_from_the_best(
+    case: &Case<'_>,
+    base: &Fitted,
+    list: &mut [Trial],
+) -> Result<(), IdentificationError> {
+    let options = &case.options.composed;
+    let cancel = case.watcher.cancel;
+    let criterion = |trial: &Trial| trial.fit.as_ref().map(ComposedFit::criterion);
+    let has_threshold = |trial: &Trial| {
+        let effect = effects::find(trial.name());
+        effect.is_some_and(|e| e.threshold().is_some())
+    };
+    let mut order: Vec<(usize, f64)> = (list.iter().enumerate())
+        .filter_map(|(place, trial)| Some((place, criterion(trial)?)))
+        .collect();
+    order.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let Some(&(best, _)) = order.first() else {
+        return Ok(());
+    };
+    let Some(fit) = list[best].fit.as_ref().filter(|fit| {
+        let left = fit.chi_square_per_row() / base.chi_square();
+        left < RIVALS_BELOW && has_threshold(&list[best])
+    }) else {
+        return Ok(());
+    };
+    let Some(origin) = (base.baseline).with_values_of(&case.judged, fit, options, cancel) else {
+        return Ok(());
+    };
+    let origins = [&origin];
+    let structure = &base.baseline.structure;
+    let ground = Ground::new(&case.judged, structure, &origins, options, cancel);
+    let rivals = order.iter().skip(1).map(|(place, _)| *place);
+    let rivals: Vec<usize> = rivals
+        .filter(|place| has_threshold(&list[*place]))
+        .take(RIVALS_MAX)
+        .collect();
+    for place in rivals {
+        let trial = &mut list[place];
+        case.watcher
+            .says(format!("trying {} again", trial.name()), 0, 1);
+        let found = base
+            .baseline
+            .sketched(&ground, &ground.screen(trial.name())?);
+        case.watcher.check()?;
+        let known = criterion(trial).unwrap_or(f64::INFINITY);
+        if let Some(found) = found.filter(|found| found.criterion() < known) {
+            trial.fit = Some(found);
+            trial.evidence = None;
+        }
+    }
+    Ok(())
+}
+
+/// Fits the sketches that come near the best one to the end, and gathers what speaks for each; where that is
+/// done already, nothing.
 fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), IdentificationError> {
     let before = base.baseline.all.criterion();
     let gain = |fit: &ComposedFit| before - fit.criterion();
     let best = (list.iter().filter_map(|t| t.fit.as_ref()))
         .map(gain)
         .fold(0.0, f64::max);
-    for trial in list {
+    for trial in list.iter_mut().filter(|trial| trial.evidence.is_none()) {
         let Some(mut fit) = trial.fit.take() else {
             continue;
         };

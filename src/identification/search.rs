@@ -35,6 +35,13 @@ const PHYSICAL_START: [f64; OUTER] = [3.4, 7.0, 0.4];
 /// it: a rotor that swings undamped leaves a row of minima along nu, closer to one another than the cells of
 /// the other scans.
 const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
+/// A best solution that leaves more than this (weighted squares per row) describes nothing: the objective is
+/// then made of the model's own oscillations, in valleys that the tiers step over.
+const DESCRIBES_PER_ROW: f64 = 100.0;
+/// Cells of the scans where nothing describes the events, and starts from each: of the box, of its face of
+/// least alpha, and of that face's edge of least kappa.
+const UNDESCRIBED: [([usize; OUTER], usize); 3] =
+    [([28, 28, 12], 64), ([1, 192, 24], 256), ([1, 384, 1], 128)];
 /// Decreases of the objective, relative and absolute, that are not worth a step before solutions are made
 /// exact: far below what tells two solutions apart.
 const ROUGH_DECREASE: f64 = 1e-5;
@@ -77,22 +84,33 @@ pub(super) fn reduced(
         (options.start_cells, options.starts_max),
         cancel,
     );
+    let rows: usize = problem.events().iter().map(PreparedEvent::rows).sum();
     let second = |found: &[FoundSolution]| {
         let worth = worth_exploring_below(found, options.trust_tech.explore_within);
         let worth: Vec<_> = (found.iter().filter(|f| f.local.value <= worth)).collect();
         let mut starts = Vec::new();
-        if options.second_starts_max == 0 {
-            return starts;
-        }
-        if worth.len() > 1 {
-            let cells = (options.second_start_cells, options.second_starts_max);
-            starts = scan_starts(&for_scan, &bounds, cells, cancel);
+        let least = (found.iter().map(|f| f.local.value)).fold(f64::INFINITY, f64::min);
+        let described = 2.0 * least <= DESCRIBES_PER_ROW * rows as f64;
+        let [of_box, of_face, of_edge] = if described {
+            let starts = options.second_starts_max;
+            let of_face = (UNDAMPED_CELLS, 2 * starts);
+            [
+                (options.second_start_cells, starts),
+                of_face,
+                ([1; OUTER], 0),
+            ]
+        } else {
+            UNDESCRIBED
+        };
+        if worth.len() > 1 || !described {
+            starts = scan_starts(&for_scan, &bounds, of_box, cancel);
         }
         if (worth.iter()).any(|f| f.local.x[0] <= bounds.lower[0]) {
             let mut face = bounds.clone();
             face.upper[0] = face.lower[0];
-            let cells = (UNDAMPED_CELLS, 2 * options.second_starts_max);
-            starts.extend(scan_starts(&for_scan, &face, cells, cancel));
+            starts.extend(scan_starts(&for_scan, &face, of_face, cancel));
+            face.upper[2] = face.lower[2];
+            starts.extend(scan_starts(&for_scan, &face, of_edge, cancel));
         }
         starts
     };
@@ -101,7 +119,7 @@ pub(super) fn reduced(
         &bounds,
         &Starts {
             first: &first,
-            second: &second,
+            second: (options.second_starts_max > 0).then_some(&second),
         },
         &[],
         &same,

@@ -162,9 +162,18 @@ pub struct Parameter {
     pub role: Role,
     /// How it goes with the operating point.
     pub reference: Reference,
+    /// Standard deviation of what the form of the effect leaves open by itself, in the parameter's own unit:
+    /// a relay of the model is spread over more than one of the load. Part of the standard error.
+    pub resolution: f64,
 }
 
 impl Parameter {
+    /// The same with another resolution.
+    #[must_use]
+    pub(crate) const fn with_resolution(self, resolution: f64) -> Self {
+        Self { resolution, ..self }
+    }
+
     /// The same with another dependence on the operating point.
     #[must_use]
     pub const fn with_reference(self, reference: Reference) -> Self {
@@ -201,6 +210,7 @@ impl Parameter {
             },
             role: Role::OneSidedAmplitude { meaningful },
             reference: Reference::Anywhere,
+            resolution: 0.0,
         }
     }
 
@@ -225,6 +235,7 @@ impl Parameter {
             },
             role: Role::TwoSidedAmplitude { meaningful },
             reference: Reference::Anywhere,
+            resolution: 0.0,
         }
     }
 
@@ -250,6 +261,7 @@ impl Parameter {
             },
             role: Role::Shape,
             reference: Reference::Anywhere,
+            resolution: 0.0,
         }
     }
 
@@ -275,6 +287,7 @@ impl Parameter {
 pub const MOTOR_REACTANCE: Parameter = Parameter {
     role: Role::Shared,
     reference: Reference::GroupImpedance,
+    resolution: 0.0,
     ..Parameter::positive_shape(
         ["motor_reactance", "x", "1"],
         [1.2, TYPICAL_MOTOR_REACTANCE, 5.0],

@@ -72,7 +72,8 @@ fn values_of(site: &SyntheticSite, hidden: &HiddenEffect) -> Option<Vec<(&'stati
         }
         Effect::SpeedDependentTorque => Some(vec![("exponent", exponent(hidden))]),
         Effect::TapChanger => Some(vec![("feeder_reactance_pu", own("reactance_pu"))]),
-        Effect::RatioPhaseError => Some(vec![("angle_rad", own("angle_deg").to_radians())]),
+        // The truth's current is ahead, the estimator's lags.
+        Effect::RatioPhaseError => Some(vec![("angle_rad", -own("angle_deg").to_radians())]),
         _ => None,
     }
 }

@@ -171,6 +171,38 @@ fn adding_what_is_missing_lowers_the_error_step_by_step() {
 }
 
 #[test]
+fn two_hidden_effects_are_added_one_after_the_other() {
+    // The dips that nothing disconnects in show the recovery, but after the load that is gone only.
+    let effects = [Effect::ExponentialRecovery, Effect::SelfDisconnection];
+    let (site, windows) = site(&effects, 6);
+    let found = improve(
+        &site,
+        &windows,
+        &plain(),
+        &Change::UntilAdequate,
+        &options(),
+        &|_| (),
+        &|| false,
+    )
+    .unwrap();
+    let last = found.steps.last().unwrap();
+    for effect in effects {
+        assert!(
+            last.structure.iter().any(|name| name == effect.name()),
+            "{:?}: {:?}",
+            last.structure,
+            found.last.reasons
+        );
+    }
+    let errors: Vec<f64> = found
+        .steps
+        .iter()
+        .map(|s| s.errors.quoted().error_to_noise)
+        .collect();
+    assert!(5.0 * errors[errors.len() - 1] < errors[0], "{errors:?}");
+}
+
+#[test]
 fn the_same_events_give_the_same_diagnosis_in_any_order_and_on_any_number_of_threads() {
     let (site, mut windows) = site(&[], 4);
     let options = options();

@@ -3,7 +3,8 @@
 
 use super::{
     extend::{Ground, Screened, refine},
-    fit::{ComposedFit, ComposedFitOptions, fit},
+    fit::{ComposedFit, ComposedFitOptions, fit, unfitted},
+    rows::EventRows,
 };
 use crate::{
     identification::{
@@ -116,9 +117,71 @@ impl Baseline {
         Some(again).filter(|fit| self.followed_by(fit))
     }
 
+    /// This structure with the values that `fit`, of this structure and one more effect, has for it. `None`
+    /// when they cannot be simulated without the effect.
+    #[must_use]
+    pub fn with_values_of(
+        &self,
+        events: &[PreparedEvent],
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Option<ComposedFit> {
+        let model = &self.all.model;
+        let own = self.all.parameters.iter().zip(model.parameters());
+        let values = own.map(|(own, parameter)| {
+            let index = fit.model.index(&parameter.name);
+            index.map_or(*own, |index| fit.parameters[index])
+        });
+        let values: Vec<f64> = values.collect();
+        let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+        unfitted(&rows, model, &values, &self.all.free, options, cancel)
+    }
+
     /// Whether a fit ends no higher than this one, from which it began: otherwise it lost its way.
     fn followed_by(&self, fit: &ComposedFit) -> bool {
         fit.minus_twice_log_posterior() <= self.all.minus_twice_log_posterior()
+    }
+
+    /// [`Self::with`], begun where `fit` is: a fit with the effect and perhaps with more besides. A fit of
+    /// just that structure is kept as it is. `None` where its values cannot be simulated.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::with`].
+    pub fn with_fit(
+        &self,
+        events: &[PreparedEvent],
+        effect: &str,
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Result<Option<Self>, StructureError> {
+        let model = ComposedModel::new(&self.structure.with(effect)?);
+        let names = |model: &ComposedModel| -> Vec<String> {
+            let parameters = model.parameters().iter();
+            parameters.map(|p| p.name.clone()).collect()
+        };
+        if names(&model) == names(&fit.model) {
+            return self
+                .completed(fit.clone(), effect, options, cancel)
+                .map(Some);
+        }
+        let own = names(&model).into_iter().zip(model.typical());
+        let values = own.map(|(name, typical)| {
+            let index = fit.model.index(&name);
+            index.map_or(typical, |index| fit.parameters[index])
+        });
+        let free = fit.free.iter();
+        let free = free.filter_map(|&index| model.index(&fit.model.parameters()[index].name));
+        let (values, mut free): (Vec<f64>, Vec<usize>) = (values.collect(), free.collect());
+        free.sort_unstable();
+        let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+        let Some(begun) = unfitted(&rows, &model, &values, &free, options, cancel) else {
+            return Ok(None);
+        };
+        let all = refine(events, begun, effect, options, cancel);
+        self.completed(all, effect, options, cancel).map(Some)
     }
 
     /// The baseline with `effect`, of which `all` is the fit to all events.

@@ -141,6 +141,12 @@ impl<'a> Ground<'a> {
                 candidates.extend(found.into_iter().map(|c| (number, c)));
             }
         }
+        // An origin from which even the best candidate leaves more than another leaves without any was
+        // fitted to something else: what it gains says nothing.
+        let nothing = (self.origins.iter())
+            .filter_map(|(_, base)| Some(base.as_ref()?.left()))
+            .fold(f64::INFINITY, f64::min);
+        candidates.retain(|(_, candidate)| candidate.left <= nothing);
         candidates.sort_by(|a, b| b.1.score.gain.total_cmp(&a.1.score.gain));
         screened.candidates = candidates;
         Ok(screened)

@@ -191,6 +191,27 @@ pub(super) fn fit_rows(
     Some(settled.filter(lower).unwrap_or(begun))
 }
 
+/// Everything at `parameters` as they are, nothing fitted. `None` when they cannot be simulated.
+pub(super) fn unfitted(
+    rows: &[EventRows<'_>],
+    model: &ComposedModel,
+    parameters: &[f64],
+    free: &[usize],
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<ComposedFit> {
+    let coordinates = Coordinates::new(model, parameters, free);
+    let place = Place {
+        rows,
+        model,
+        coordinates: &coordinates,
+        scatter: &options.scatter,
+        cancel,
+    };
+    let (fit, _) = place.finished(&coordinates.unknowns(parameters), None, 0)?;
+    Some(fit)
+}
+
 /// A fit under way.
 struct Fitting<'a> {
     place: Place<'a>,
@@ -336,15 +357,18 @@ impl<'a> Place<'a> {
             .map(EventCovariance::log_determinant)
             .sum();
         let slopes = DVector::from_vec(self.coordinates.slopes(&parameters));
+        let free = self.coordinates.indices();
+        let resolution = |i: usize| self.model.parameters()[free[i]].declaration.resolution;
         let covariance = expansion.curvature.cholesky().map(|factor| {
             let inverse = factor.inverse();
             DMatrix::from_fn(slopes.len(), slopes.len(), |i, j| {
-                slopes[i] * inverse[(i, j)] * slopes[j]
+                let form = if i == j { resolution(i).powi(2) } else { 0.0 };
+                slopes[i] * inverse[(i, j)] * slopes[j] + form
             })
         });
         let fit = ComposedFit {
             model: self.model.clone(),
-            free: self.coordinates.indices(),
+            free,
             objective: expansion.value,
             minus_twice_log_likelihood: squares.iter().sum::<f64>() + determinants,
             squares,

@@ -81,8 +81,21 @@ pub(super) struct Screening<'a> {
 }
 
 /// What of a score depends on the fitted model alone: of every event the derivative columns of what
-/// was free, the residual and the covariance.
-pub(super) struct Base(Vec<BaseOfEvent>);
+/// was free, the residual and the covariance; and what the priors say.
+pub(super) struct Base {
+    events: Vec<BaseOfEvent>,
+    prior: PriorOfBase,
+}
+
+/// The priors of what was free, in the parameters' own units. A threshold between two dips has no slope:
+/// its prior is all that holds it.
+struct PriorOfBase {
+    /// Squared distance from the centres, in deviations.
+    square: f64,
+    /// What pulls each parameter away from its centre.
+    gradient: DVector<f64>,
+    precision: DVector<f64>,
+}
 
 struct BaseOfEvent {
     columns: DMatrix<f64>,
@@ -108,7 +121,18 @@ impl Base {
                 covariance: (event.covariance(&fit.model, &fit.parameters, scatter)).ok()??,
             })
         };
-        rows.iter().map(of).collect::<Option<_>>().map(Self)
+        let events = rows.iter().map(of).collect::<Option<_>>()?;
+        Some(Self {
+            events,
+            prior: PriorOfBase::new(fit),
+        })
+    }
+
+    /// `sum r' Sigma^-1 r` and the squared distance from the priors, without any effect.
+    pub(super) fn left(&self) -> f64 {
+        let events = self.events.iter();
+        let squares: f64 = events.map(|e| e.covariance.square(&e.residual)).sum();
+        squares + self.prior.square
     }
 
     /// `sum r' Sigma^-1 r` of a model with the covariances of this one.
@@ -122,8 +146,22 @@ impl Base {
             let residual = event.residual(model, parameters).ok()?;
             Some(base.covariance.square(&residual))
         };
-        let squares: Option<Vec<f64>> = rows.iter().zip(&self.0).map(square).collect();
+        let squares: Option<Vec<f64>> = rows.iter().zip(&self.events).map(square).collect();
         Some(squares?.iter().sum())
+    }
+}
+
+impl PriorOfBase {
+    fn new(fit: &ComposedFit) -> Self {
+        let coordinates = Coordinates::new(&fit.model, &fit.parameters, &fit.free);
+        let slopes = DVector::from_vec(coordinates.slopes(&fit.parameters));
+        let (half_square, gradient, precision) =
+            coordinates.prior(&coordinates.unknowns(&fit.parameters));
+        Self {
+            square: 2.0 * half_square,
+            gradient: gradient.component_div(&slopes),
+            precision: precision.component_div(&slopes.component_mul(&slopes)),
+        }
     }
 }
 
@@ -343,7 +381,8 @@ impl<'a> Screening<'a> {
         let before = self.step.free_before().len();
         let count = amplitudes.len();
         let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
-        for ((event, base), motor) in self.step.rows.iter().zip(&self.base.0).zip(&self.motors) {
+        let events = self.step.rows.iter().zip(&self.base.events);
+        for ((event, base), motor) in events.zip(&self.motors) {
             let added = self.added(event, at, &amplitudes, size, base, motor.as_ref())?;
             let mut rows = DMatrix::zeros(base.residual.len(), before + count + 1);
             rows.columns_mut(0, before).copy_from(&base.columns);
@@ -351,9 +390,13 @@ impl<'a> Screening<'a> {
             rows.set_column(before + count, &base.residual);
             sum += base.covariance.gram(&rows);
         }
+        let (residual, prior) = (before + count, &self.base.prior);
+        sum[(residual, residual)] += prior.square;
         for i in 0..before {
             // What the base leaves undetermined must not be divided by.
-            sum[(i, i)] *= 1.0 + 1e-9;
+            sum[(i, i)] = sum[(i, i)] * (1.0 + 1e-9) + prior.precision[i];
+            sum[(i, residual)] -= prior.gradient[i];
+            sum[(residual, i)] -= prior.gradient[i];
         }
         let base_part = sum.view((0, 0), (before, before)).into_owned().cholesky()?;
         let cross = sum.view((0, before), (before, count + 1)).into_owned();

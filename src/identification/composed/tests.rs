@@ -175,6 +175,35 @@ fn what_no_event_shows_is_as_its_prior_has_it() {
 }
 
 #[test]
+fn a_second_effect_is_seen_beside_one_whose_threshold_has_no_slope() {
+    const FIRST: &str = "motor_undervoltage_trip";
+    const SECOND: &str = "self_disconnection";
+    let one = Structure::zip_im().with(FIRST).unwrap();
+    let both = ComposedModel::new(&one.with(SECOND).unwrap());
+    let mut truth = both.typical();
+    truth[both.index(&format!("{FIRST}.share")).unwrap()] = 0.3;
+    truth[both.index(&format!("{SECOND}.share")).unwrap()] = 0.1;
+    let events = drawn_by(&both, &truth, &events());
+    let model = ComposedModel::new(&one);
+    let free: Vec<usize> = (0..model.parameters().len()).collect();
+    let mut begun: Vec<f64> = (model.parameters().iter())
+        .map(|p| truth[both.index(&p.name).unwrap()])
+        .collect();
+    // No voltage comes near it before the motors are off, and above it all the time afterwards.
+    begun[model.index(&format!("{FIRST}.return_voltage")).unwrap()] = 0.7;
+    let mut options = ComposedFitOptions::default();
+    (options.rounds_max, options.local.evaluations_max) = (1, 1);
+    let base = fit(&events, &model, &begun, &free, &options, &|| false).unwrap();
+    let options = ComposedFitOptions::default();
+    let ground = Ground::new(&events, &one, &[&base], &options, &|| false);
+    let screened = ground.screen(SECOND).unwrap();
+    let found = ground.refit(&screened).expect("a candidate");
+    assert!(found.chi_square_per_row() < 0.2 * base.chi_square_per_row());
+    let share = found.parameters[both.index(&format!("{SECOND}.share")).unwrap()];
+    assert!((share - 0.1).abs() < 0.03, "{share}");
+}
+
+#[test]
 fn what_is_excluded_or_unknown_is_an_error() {
     let events = events();
     let structure = Structure::zip_im();

@@ -25,6 +25,7 @@ const fn base(
         },
         role: Role::Base,
         reference: Reference::Anywhere,
+        resolution: 0.0,
     }
 }
 

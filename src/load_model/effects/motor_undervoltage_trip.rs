@@ -56,14 +56,18 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.3, 1.0, 0.03]),
         Parameter::shape(["trip_voltage", "V_tr", "pu"], [0.4, 0.7, 0.94], 0.12)
-            .with_reference(Reference::Voltage),
-        Parameter::positive_shape(["trip_time_s", "T_tr", "s"], [0.003, 0.02, 0.5], 0.8),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
+        Parameter::positive_shape(["trip_time_s", "T_tr", "s"], [0.003, 0.02, 0.5], 0.8)
+            .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.03, 0.3], 1.0),
         Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
         Parameter::shape(["capacitors", "b", "1"], [0.0, 0.3, 1.5], 0.4),
         Parameter::shape(["return_voltage", "V_rc", "pu"], [0.5, 0.8, 0.95], 0.1)
-            .with_reference(Reference::Voltage),
-        Parameter::positive_shape(["return_time_s", "T_rc", "s"], [0.02, 100.0, 1000.0], 3.0),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
+        Parameter::positive_shape(["return_time_s", "T_rc", "s"], [0.02, 100.0, 1000.0], 3.0)
+            .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["inertia", "h", "1"], [0.25, 1.0, 4.0], 0.4),
         MOTOR_REACTANCE,
     ],

@@ -18,6 +18,13 @@ pub(in crate::load_model) const VOLTAGE_SPREAD_PU: f64 = 0.008;
 /// shorter.
 const SWITCHING_S: f64 = 0.004;
 
+/// Standard deviation of a relay's voltage where the load's has no spread: it may lie anywhere in that of the
+/// model, uniformly, `VOLTAGE_SPREAD_PU / sqrt 3`.
+pub(super) const VOLTAGE_RESOLUTION_PU: f64 = 0.0046;
+
+/// The same of a delay, in the time over which a block switches: `SWITCHING_S / sqrt 12`.
+pub(super) const TIME_RESOLUTION_S: f64 = 0.0012;
+
 /// Exactly 1 where the voltage is well below the threshold, exactly 0 where it is well above.
 pub(in crate::load_model) fn below<S: Scalar>(voltage: S, threshold: S) -> S {
     smooth_step((threshold - voltage) * (0.5 / VOLTAGE_SPREAD_PU) + 0.5)

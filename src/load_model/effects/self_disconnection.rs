@@ -42,8 +42,10 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.02]),
         Parameter::shape(["voltage", "V_th", "pu"], [0.4, 0.7, 0.94], 0.12)
-            .with_reference(Reference::Voltage),
-        Parameter::positive_shape(["time_s", "T", "s"], [0.003, 0.02, 0.5], 0.8),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
+        Parameter::positive_shape(["time_s", "T", "s"], [0.003, 0.02, 0.5], 0.8)
+            .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.02, 0.3], 1.0),
         Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.5], 0.15),

@@ -61,8 +61,10 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
         Parameter::shape(["stall_voltage", "V_st", "pu"], [0.4, 0.62, 0.8], 0.06)
-            .with_reference(Reference::Voltage),
-        Parameter::positive_shape(["stall_time_s", "T_st", "s"], [0.008, 0.035, 0.3], 0.6),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
+        Parameter::positive_shape(["stall_time_s", "T_st", "s"], [0.008, 0.035, 0.3], 0.6)
+            .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["stalled_conductance", "G", "1"], [2.0, 4.4, 8.0], 0.3)
             .with_reference(Reference::GroupAdmittance),
         Parameter::positive_shape(["stalled_susceptance", "B", "1"], [2.0, 4.0, 8.0], 0.3)
@@ -70,8 +72,10 @@ const DECLARATION: Declaration = Declaration {
         Parameter::positive_shape(["thermal_time_s", "T_th", "s"], [1.0, 10.0, 60.0], 0.8),
         Parameter::shape(["restarting_share", "r", "1"], [0.0, 0.1, 1.0], 0.3),
         Parameter::shape(["restart_voltage", "V_rs", "pu"], [0.8, 0.92, 0.98], 0.04)
-            .with_reference(Reference::Voltage),
-        Parameter::positive_shape(["restart_time_s", "T_rs", "s"], [0.05, 0.35, 2.0], 0.4),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
+        Parameter::positive_shape(["restart_time_s", "T_rs", "s"], [0.05, 0.35, 2.0], 0.4)
+            .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["first_trip_heat", "h_1", "1"], [0.3, 0.9, 3.0], 0.4),
         Parameter::positive_shape(["trip_heat_span", "h_s", "1"], [0.3, 1.4, 5.0], 0.4),
         Parameter::shape(["reactive_ratio", "q_r", "1"], [0.0, 0.25, 0.8], 0.05),

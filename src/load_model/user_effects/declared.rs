@@ -239,6 +239,7 @@ fn numbers(table: &mut Table<'_>, role: Option<Role>, faults: &mut Faults) -> Op
         prior,
         role,
         reference: Reference::Anywhere,
+        resolution: 0.0,
     })
 }
 

@@ -166,14 +166,18 @@ impl Options {
     }
 }
 
+/// Gives more starts for what was found.
+pub type MoreStarts<'a> = &'a (dyn Fn(&[FoundSolution]) -> Vec<DVector<f64>> + Sync);
+
 /// Where a search begins.
 #[derive(Clone, Copy)]
 pub struct Starts<'a> {
     /// What tier 0 begins with.
     pub first: &'a [DVector<f64>],
-    /// More starts, asked for once, after the tiers have ended, with what was found until then; from
-    /// the new solutions they lead to, if any, the tiers go on.
-    pub second: &'a (dyn Fn(&[FoundSolution]) -> Vec<DVector<f64>> + Sync),
+    /// More starts, asked for once, after the tiers have ended or used up half of the calls of the problem that
+    /// the options allow, with what was found until then; from the new solutions they lead to, if any, the tiers
+    /// go on.
+    pub second: Option<MoreStarts<'a>>,
 }
 
 impl<'a> Starts<'a> {
@@ -181,7 +185,7 @@ impl<'a> Starts<'a> {
     pub fn only(first: &'a [DVector<f64>]) -> Self {
         Self {
             first,
-            second: &|_| Vec::new(),
+            second: None,
         }
     }
 }

@@ -319,6 +319,33 @@ fn limits_and_cancellation_say_why_the_search_ended() {
 }
 
 #[test]
+fn more_starts_are_asked_for_when_half_of_the_calls_are_used_up() {
+    let (problem, area) = (rastrigin::<2>(), bounds(&[-5.0; 2], &[5.0; 2]));
+    let first = [point(&[0.1, 0.1])];
+    let known = std::sync::atomic::AtomicUsize::new(0);
+    let more = |found: &[FoundSolution]| {
+        known.store(found.len(), std::sync::atomic::Ordering::Relaxed);
+        vec![point(&[3.9, 4.1])]
+    };
+    let options = Options {
+        evaluations_max: 100,
+        ..Options::default()
+    };
+    // The minimum in the cell of (4, 4), which the first tier from the origin does not lead to.
+    let has_it = |second| {
+        let starts = Starts {
+            first: &first,
+            second,
+        };
+        let found = search(&problem, &area, &starts, &[], &close, &options, &never);
+        let near = |found: &FoundSolution| (&found.local.x - point(&[4.0, 4.0])).amax() < 0.1;
+        found.solutions.iter().any(near)
+    };
+    assert!(has_it(Some(&more)) && !has_it(None));
+    assert!(known.load(std::sync::atomic::Ordering::Relaxed) > 0);
+}
+
+#[test]
 fn settings_out_of_range_are_named() {
     assert!(Options::default().checked().is_ok() && Options::paper().checked().is_ok());
     let refused = Options {

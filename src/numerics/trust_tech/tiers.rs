@@ -90,6 +90,7 @@ pub(super) fn explore(
         solutions: Vec::new(),
         directions: Vec::new(),
         cost: Cost::default(),
+        limit: options.evaluations_max,
     };
     let ended = explorer.run(starts);
     Search {
@@ -119,19 +120,30 @@ struct Explorer<'a> {
     solutions: Vec<FoundSolution>,
     directions: Vec<DirectionRecord>,
     cost: Cost,
+    /// Calls of the problem after which the search ends, or goes on to its second starts.
+    limit: u64,
 }
 
 impl Explorer<'_> {
     fn run(&mut self, starts: &Starts<'_>) -> Ended {
-        if let Some(ended) = self.settle_starts(starts.first) {
-            return ended;
+        if starts.second.is_some() {
+            self.limit /= 2;
         }
-        let ended = self.climb_tiers(0);
-        if !matches!(ended, Ended::NothingNew { .. }) {
-            return ended;
+        let mut ended = self.settle_starts(starts.first);
+        if ended.is_none() {
+            ended = Some(self.climb_tiers(0));
         }
+        self.limit = self.options.evaluations_max;
+        let ended = ended.unwrap_or(Ended::NoSolution);
+        let goes_on = matches!(
+            ended,
+            Ended::NothingNew { .. } | Ended::EvaluationsExhausted { .. }
+        );
+        let Some(second) = starts.second.filter(|_| goes_on) else {
+            return ended;
+        };
         let known = self.solutions.len();
-        if let Some(ended) = self.settle_starts(&(starts.second)(&self.solutions)) {
+        if let Some(ended) = self.settle_starts(&second(&self.solutions)) {
             return ended;
         }
         if self.solutions.len() == known {
@@ -300,7 +312,7 @@ impl Explorer<'_> {
     }
 
     fn interruption(&self) -> Option<Ended> {
-        let (evaluations, limit) = (self.cost.evaluations(), self.options.evaluations_max);
+        let (evaluations, limit) = (self.cost.evaluations(), self.limit);
         if (self.cancel)() {
             Some(Ended::Cancelled)
         } else if evaluations >= limit {
