@@ -46,11 +46,19 @@ impl Evidence {
     }
 
     /// Whether the held-out events have nothing to show: they are followed already, while the fitted ones
-    /// are far from it. What has a threshold may not have operated in any of them.
+    /// are far from it, or hold next to nothing of what is left there. What has a threshold may not have operated
+    /// in any of them, and what they do leave may be something else's.
     fn gate_is_silent(&self, gate: GateEvidence, options: &ClaimOptions) -> bool {
-        !is_adequate(self.chi_square_before, options) && is_adequate(gate.before, options)
+        let little = gate.before < SILENT_SHARE * self.chi_square_before;
+        !is_adequate(self.chi_square_before, options)
+            && (is_adequate(gate.before, options) || little)
     }
 }
+
+/// Held-out events that leave less than this share of what the fitted ones leave show nothing of it.
+const SILENT_SHARE: f64 = 0.02;
+/// Where they fall by this many times what a claim needs, they are not silent after all.
+const SILENT_FALLS: f64 = 2.0;
 
 /// A model that leaves less than this many times the floor is adequate.
 pub(super) const ADEQUATE_FLOORS: f64 = 2.0;
@@ -120,14 +128,17 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
         let held_out = fall(gate.before, gate.after);
         let needed = needed_held_out_fall(evidence, options);
         if evidence.gate_is_silent(gate, options) {
-            if left_share(evidence, options) > options.silent_left_share {
+            let speaks = held_out >= SILENT_FALLS * options.held_out_fall_min;
+            if !speaks && left_share(evidence, options) > options.silent_left_share {
                 list.push(format!(
                     "the held-out events show nothing of it, and of what the fitted ones show it leaves {:.0} %; a claim needs at most {:.0} %",
                     100.0 * left_share(evidence, options),
                     100.0 * options.silent_left_share
                 ));
             }
-            if !is_adequate(gate.after, options) {
+            // Not for NaN, either.
+            let kept = is_adequate(gate.after, options) || gate.after <= gate.before;
+            if !kept {
                 list.push(format!(
                     "the held-out events, followed without it ({:.2} per sample), are not with it ({:.2})",
                     gate.before, gate.after
@@ -300,6 +311,27 @@ mod tests {
             ..gate(0.9)
         };
         assert!(objections(&weak, &options)[0].contains("it leaves 46 %"));
+        // They speak for it all the same.
+        let heard = Evidence {
+            gate: Some(GateEvidence {
+                before: 0.70,
+                after: 0.50,
+            }),
+            ..weak.clone()
+        };
+        assert!(objections(&heard, &options).is_empty());
+        // What they leave is little beside what the fitted ones do: something else's.
+        let beside = |after| Evidence {
+            chi_square_before: 235.0,
+            chi_square_after: 8.0,
+            gate: Some(GateEvidence {
+                before: 1.61,
+                after,
+            }),
+            ..weak.clone()
+        };
+        assert!(objections(&beside(1.50), &options).is_empty());
+        assert!(objections(&beside(1.70), &options)[0].contains("are not with it (1.70)"));
         // Where the fitted events are followed as well, they must fall.
         let near = Evidence {
             chi_square_before: 1.2,
