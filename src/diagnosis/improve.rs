@@ -81,12 +81,15 @@ pub fn improve(
     })
 }
 
+/// Effects, and of each the structure without it.
+type WithoutEach = Vec<(String, Baseline)>;
+
 /// A step up.
 struct Higher {
     step: ImprovementStep,
     next: Baseline,
     /// Of each effect that an earlier step added, the structure without it.
-    without: Vec<(String, Baseline)>,
+    without: WithoutEach,
 }
 
 struct Stairs<'a> {
@@ -296,10 +299,10 @@ impl<'a> Stairs<'a> {
         &self,
         next: &mut Baseline,
         newest: &str,
-    ) -> Result<(Vec<String>, Vec<(String, Baseline)>), IdentificationError> {
+    ) -> Result<(Vec<String>, WithoutEach), IdentificationError> {
         let added = self.steps.iter().filter_map(|s| s.added.clone());
         let mut dropped = Vec::new();
-        let mut without_each = Vec::new();
+        let mut without_each = WithoutEach::new();
         for effect in added.filter(|e| e != newest) {
             if !next.structure.contains(&effect) {
                 continue;

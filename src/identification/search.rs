@@ -42,6 +42,7 @@ const DESCRIBES_PER_ROW: f64 = 100.0;
 /// least alpha, and of that face's edge of least kappa.
 const UNDESCRIBED: [([usize; OUTER], usize); 3] =
     [([28, 28, 12], 64), ([1, 192, 24], 256), ([1, 384, 1], 128)];
+const NO_SCAN: ([usize; OUTER], usize) = ([1; OUTER], 0);
 /// Decreases of the objective, relative and absolute, that are not worth a step before solutions are made
 /// exact: far below what tells two solutions apart.
 const ROUGH_DECREASE: f64 = 1e-5;
@@ -84,36 +85,7 @@ pub(super) fn reduced(
         (options.start_cells, options.starts_max),
         cancel,
     );
-    let rows: usize = problem.events().iter().map(PreparedEvent::rows).sum();
-    let second = |found: &[FoundSolution]| {
-        let worth = worth_exploring_below(found, options.trust_tech.explore_within);
-        let worth: Vec<_> = (found.iter().filter(|f| f.local.value <= worth)).collect();
-        let mut starts = Vec::new();
-        let least = (found.iter().map(|f| f.local.value)).fold(f64::INFINITY, f64::min);
-        let described = 2.0 * least <= DESCRIBES_PER_ROW * rows as f64;
-        let [of_box, of_face, of_edge] = if described {
-            let starts = options.second_starts_max;
-            let of_face = (UNDAMPED_CELLS, 2 * starts);
-            [
-                (options.second_start_cells, starts),
-                of_face,
-                ([1; OUTER], 0),
-            ]
-        } else {
-            UNDESCRIBED
-        };
-        if worth.len() > 1 || !described {
-            starts = scan_starts(&for_scan, &bounds, of_box, cancel);
-        }
-        if (worth.iter()).any(|f| f.local.x[0] <= bounds.lower[0]) {
-            let mut face = bounds.clone();
-            face.upper[0] = face.lower[0];
-            starts.extend(scan_starts(&for_scan, &face, of_face, cancel));
-            face.upper[2] = face.lower[2];
-            starts.extend(scan_starts(&for_scan, &face, of_edge, cancel));
-        }
-        starts
-    };
+    let second = |found: &[FoundSolution]| more_starts(problem, &for_scan, options, found, cancel);
     let found = trust_tech::search(
         &rough,
         &bounds,
@@ -144,6 +116,48 @@ pub(super) fn reduced(
         directions: found.directions,
         ended: found.ended,
     }
+}
+
+/// More starts for what was found: from a finer scan where solutions compete or nothing describes the events, and
+/// from one of the face of least alpha where a solution that is worth exploring lies on it.
+fn more_starts(
+    problem: &JointProblem<'_>,
+    for_scan: &dyn Objective,
+    options: &SearchOptions,
+    found: &[FoundSolution],
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Vec<DVector<f64>> {
+    let bounds = outer_bounds();
+    let worth = worth_exploring_below(found, options.trust_tech.explore_within);
+    let worth: Vec<_> = (found.iter().filter(|f| f.local.value <= worth)).collect();
+    let least = (found.iter().map(|f| f.local.value)).fold(f64::INFINITY, f64::min);
+    let rows: usize = problem.events().iter().map(PreparedEvent::rows).sum();
+    let described = 2.0 * least <= DESCRIBES_PER_ROW * rows as f64;
+    let [of_box, of_face, of_edge] = if described {
+        let starts = options.second_starts_max;
+        let of_face = (UNDAMPED_CELLS, 2 * starts);
+        [
+            (options.second_start_cells, starts),
+            of_face,
+            ([1; OUTER], 0),
+        ]
+    } else {
+        UNDESCRIBED
+    };
+    let mut starts = Vec::new();
+    if worth.len() > 1 || !described {
+        starts = scan_starts(for_scan, &bounds, of_box, cancel);
+    }
+    if (worth.iter()).any(|f| f.local.x[0] <= bounds.lower[0]) {
+        let mut face = bounds;
+        face.upper[0] = face.lower[0];
+        starts.extend(scan_starts(for_scan, &face, of_face, cancel));
+        if of_edge != NO_SCAN {
+            face.upper[2] = face.lower[2];
+            starts.extend(scan_starts(for_scan, &face, of_edge, cancel));
+        }
+    }
+    starts
 }
 
 /// The settings of a search whose solutions are made exact afterwards.
