@@ -1,9 +1,8 @@
 //! The contract of a physical effect: what it declares about itself, and where its equations act.
 //!
-//! An effect is something that may be missing in the model of ZIP and induction motor, or wrong in
-//! the instrument. Its declaration is the only place where its name, parameters, bounds and needs
-//! are written; configuration, JSON, manual and search read them from there. Its equations act at
-//! the places of [`Equations`], in this order:
+//! An effect is something that may be missing in the model of ZIP and induction motor, or wrong in the instrument. Its
+//! declaration is the only place where its name, parameters, bounds and needs are written; configuration, JSON, manual
+//! and search read them from there. Its equations act at the places of [`Equations`], in this order:
 //!
 //! ```text
 //! measured phasor u -> gain (tap changer, angle of a late frequency channel) -> feeder -> load
@@ -14,8 +13,7 @@
 //! Rules, tested over the whole catalogue by `composed::contract`:
 //! - At rest (`u = 1`, no frequency deviation) an effect adds exactly nothing, so P0 and Q0 hold.
 //! - With every amplitude at its neutral value the effect is absent, bit for bit.
-//! - Derivatives are exact for the numbers that come out: an equation is written once over
-//!   [`Elementary`] and run with `f64` and with [`Sensitivity`].
+//! - Derivatives are exact: an equation is written once over [`Elementary`], run with `f64` and [`Sensitivity`].
 
 use std::fmt::Debug;
 
@@ -162,18 +160,11 @@ pub struct Parameter {
     pub role: Role,
     /// How it goes with the operating point.
     pub reference: Reference,
-    /// Standard deviation of what the form of the effect leaves open by itself, in the parameter's own unit:
-    /// a relay of the model is spread over more than one of the load. Part of the standard error.
+    /// Standard deviation of what the effect's form leaves open by itself; part of the standard error.
     pub resolution: f64,
 }
 
 impl Parameter {
-    /// The same with another resolution.
-    #[must_use]
-    pub(crate) const fn with_resolution(self, resolution: f64) -> Self {
-        Self { resolution, ..self }
-    }
-
     /// The same with another dependence on the operating point.
     #[must_use]
     pub const fn with_reference(self, reference: Reference) -> Self {
@@ -287,7 +278,6 @@ impl Parameter {
 pub const MOTOR_REACTANCE: Parameter = Parameter {
     role: Role::Shared,
     reference: Reference::GroupImpedance,
-    resolution: 0.0,
     ..Parameter::positive_shape(
         ["motor_reactance", "x", "1"],
         [1.2, TYPICAL_MOTOR_REACTANCE, 5.0],

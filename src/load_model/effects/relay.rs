@@ -5,9 +5,12 @@
 //! settings, so each of the three is spread a little, and only a little: a first-order lag in place
 //! of a definite time would let the load go while the voltage is still above the threshold.
 
-use crate::numerics::{
-    Scalar,
-    elementary::{larger, smooth_step},
+use crate::{
+    load_model::effect::Parameter,
+    numerics::{
+        Scalar,
+        elementary::{larger, smooth_step},
+    },
 };
 
 /// Half width of the spread of a voltage threshold, pu. Chosen; small against the step between the
@@ -24,6 +27,14 @@ pub(super) const VOLTAGE_RESOLUTION_PU: f64 = 0.0046;
 
 /// The same of a delay, in the time over which a block switches: `SWITCHING_S / sqrt 12`.
 pub(super) const TIME_RESOLUTION_S: f64 = 0.0012;
+
+impl Parameter {
+    /// The same, leaving open by itself what a relay of the model does.
+    #[must_use]
+    pub(super) const fn with_resolution(self, resolution: f64) -> Self {
+        Self { resolution, ..self }
+    }
+}
 
 /// Exactly 1 where the voltage is well below the threshold, exactly 0 where it is well above.
 pub(in crate::load_model) fn below<S: Scalar>(voltage: S, threshold: S) -> S {
