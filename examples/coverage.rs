@@ -29,12 +29,11 @@ use loadmodeld::{
     truth::{Effect, HiddenEffect, StudyShape, SyntheticSite, estimator_terms, study_site},
 };
 
-/// What of the estimator is compared, the parameters whose weighted sum it is, and its true value.
-type Pair = (
-    &'static str,
-    &'static [(&'static str, f64)],
-    fn(&SyntheticSite, &HiddenEffect) -> Option<f64>,
-);
+/// A true value of a site's effect, in the estimator's terms.
+type True = fn(&SyntheticSite, &HiddenEffect) -> Option<f64>;
+/// What of the estimator is compared, the parameters whose weighted sum it is (none: it is one parameter),
+/// and its true value.
+type Pair = (&'static str, &'static [(&'static str, f64)], True);
 
 fn own(name: &'static str, hidden: &HiddenEffect) -> Option<f64> {
     hidden
@@ -52,92 +51,77 @@ fn term(name: &str, site: &SyntheticSite) -> Option<f64> {
 /// What the estimator's relay takes by itself, in the middle of its switching.
 const SWITCHING_S: f64 = 0.002;
 
+fn until_open(hidden: &HiddenEffect) -> Option<f64> {
+    Some(own("delay_s", hidden)? - SWITCHING_S)
+}
+
+/// The delays of a relay that disconnects, to the middle of its opening.
+const DISCONNECTION: &[(&str, f64)] = &[
+    ("time_s", 1.0),
+    ("opening_s", 1.0),
+    ("opening_spread_s", 0.5),
+];
+/// The same of motors.
+const TRIP: &[(&str, f64)] = &[
+    ("trip_time_s", 1.0),
+    ("opening_s", 1.0),
+    ("opening_spread_s", 0.5),
+];
+
 /// Effects, and what of them can be compared.
 const COMPARED: &[(Effect, &[Pair])] = &[
     (
         Effect::SelfDisconnection,
         &[
-            ("share", &[("share", 1.0)], |_, h| own("share", h)),
-            ("voltage", &[("voltage", 1.0)], |_, h| {
-                own("threshold_pu", h)
-            }),
-            (
-                "delay",
-                &[
-                    ("time_s", 1.0),
-                    ("opening_s", 1.0),
-                    ("opening_spread_s", 0.5),
-                ],
-                |_, h| Some(own("delay_s", h)? - SWITCHING_S),
-            ),
+            ("share", &[], |_, h| own("share", h)),
+            ("voltage", &[], |_, h| own("threshold_pu", h)),
+            ("delay", DISCONNECTION, |_, h| until_open(h)),
         ],
     ),
     (
         Effect::MotorUndervoltageTrip,
         &[
-            ("share", &[("share", 1.0)], |_, h| own("share_of_motors", h)),
-            ("trip_voltage", &[("trip_voltage", 1.0)], |_, h| {
-                own("threshold_pu", h)
-            }),
-            (
-                "delay",
-                &[
-                    ("trip_time_s", 1.0),
-                    ("opening_s", 1.0),
-                    ("opening_spread_s", 0.5),
-                ],
-                |_, h| Some(own("delay_s", h)? - SWITCHING_S),
-            ),
+            ("share", &[], |_, h| own("share_of_motors", h)),
+            ("trip_voltage", &[], |_, h| own("threshold_pu", h)),
+            ("delay", TRIP, |_, h| until_open(h)),
         ],
     ),
     (
         Effect::ElectronicLoadDropout,
         &[
-            ("share", &[("share", 1.0)], |_, h| own("share", h)),
-            ("first_voltage", &[("first_voltage", 1.0)], |_, h| {
-                own("first_pu", h)
-            }),
-            ("returning_share", &[("returning_share", 1.0)], |_, h| {
-                own("returning", h)
-            }),
+            ("share", &[], |_, h| own("share", h)),
+            ("first_voltage", &[], |_, h| own("first_pu", h)),
+            ("returning_share", &[], |_, h| own("returning", h)),
         ],
     ),
     (
         Effect::DistributedGeneration,
         &[
-            ("share", &[("share", 1.0)], |_, h| own("share", h)),
-            ("voltage", &[("voltage", 1.0)], |_, h| {
-                own("threshold_pu", h)
-            }),
+            ("share", &[], |_, h| own("share", h)),
+            ("voltage", &[], |_, h| own("threshold_pu", h)),
         ],
     ),
     (
         Effect::StaticFrequencyDependence,
-        &[(
-            "active_coefficient",
-            &[("active_coefficient", 1.0)],
-            |_, h| own("active", h),
-        )],
+        &[("active_coefficient", &[], |_, h| own("active", h))],
     ),
     (
         Effect::SpeedDependentTorque,
-        &[("exponent", &[("exponent", 1.0)], |s, _| term("exponent", s))],
+        &[("exponent", &[], |s, _| term("exponent", s))],
     ),
     (
         Effect::StatorResistance,
-        &[("resistance", &[("resistance", 1.0)], |s, _| {
+        &[("resistance", &[], |s, _| {
             term("resistance_motor_base_pu", s).map(|r| r * s.options.motor.load_factor)
         })],
     ),
     (
         Effect::TimeSkew,
-        &[("delay_s", &[("delay_s", 1.0)], |_, h| own("skew_s", h))],
+        &[("delay_s", &[], |_, h| own("skew_s", h))],
     ),
     (
         Effect::RatioPhaseError,
-        &[("angle_rad", &[("angle_rad", 1.0)], |s, _| {
-            term("angle_rad", s)
-        })],
+        &[("angle_rad", &[], |s, _| term("angle_rad", s))],
     ),
 ];
 
@@ -224,6 +208,8 @@ fn count(site: &SyntheticSite, pairs: &[Pair], counts: &mut BTreeMap<&'static st
     };
     for (what, parts, truth) in pairs {
         if let Some(truth) = truth(site, hidden) {
+            let itself = [(*what, 1.0)];
+            let parts = if parts.is_empty() { &itself } else { *parts };
             let parts: Vec<(String, f64)> = (parts.iter())
                 .map(|(parameter, weight)| (format!("{name}.{parameter}"), *weight))
                 .collect();
@@ -243,16 +229,20 @@ fn weighted_sum(fitted: &ComposedFit, parts: &[(String, f64)]) -> Option<(f64, f
     let covariance = fitted.covariance.as_ref()?;
     let mut estimate = 0.0;
     let mut places = Vec::new();
+    let mut variance = 0.0;
     for (name, weight) in parts {
         let index = fitted.model.index(name)?;
         estimate += weight * fitted.parameters[index];
         fitted.standard_error(index)?;
         let place = fitted.free.iter().position(|i| *i == index)?;
         places.push((place, *weight));
+        // What the model's form leaves open is its own, whatever the data say.
+        let declared = &fitted.model.parameters()[index].declaration;
+        variance += (weight * declared.resolution).powi(2);
     }
     let terms = (places.iter())
         .flat_map(|(i, a)| (places.iter()).map(move |(j, b)| a * b * covariance[(*i, *j)]));
-    let variance: f64 = terms.sum();
+    variance += terms.sum::<f64>();
     (variance > 0.0).then(|| (estimate, variance.sqrt()))
 }
 

@@ -201,13 +201,17 @@ impl<'a> Case<'a> {
         let (options, cancel) = (&self.options.composed, self.watcher.cancel);
         let found = base.with_fit(&self.judged, effect, fit, options, cancel)?;
         self.watcher.check()?;
-        match found {
-            Some(found) if found.all.parameters.len() == fit.parameters.len() => Ok(found),
-            Some(found) => Ok(match self.with(base, effect) {
-                Ok(own) if own.all.criterion() < found.all.criterion() => own,
-                _ => found,
-            }),
-            None => self.with(base, effect),
+        let Some(found) = found else {
+            return self.with(base, effect);
+        };
+        let had_companions = found.all.parameters.len() != fit.parameters.len();
+        if !had_companions {
+            return Ok(found);
+        }
+        match self.with(base, effect) {
+            Ok(own) if own.all.criterion() < found.all.criterion() => Ok(own),
+            Ok(_) | Err(IdentificationError::NoSolution) => Ok(found),
+            Err(error) => Err(error),
         }
     }
 
@@ -258,8 +262,8 @@ impl<'a> Case<'a> {
     }
 
     /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely
-    /// fitted: it begins where all events together led), composition of each event free to vary; infinite when they cannot be simulated. `None` without
-    /// such events.
+    /// fitted: it begins where all events together led), composition of each event free to vary; infinite when
+    /// they cannot be simulated. `None` without such events.
     pub(super) fn gate_misfit(&self, fit: &ComposedFit) -> Option<f64> {
         if !self.has_gate() {
             return None;

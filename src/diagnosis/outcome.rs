@@ -201,7 +201,7 @@ pub struct ImprovementStep {
     pub structure: Vec<String>,
     /// The effect that this step added; none for the first step and for one that only dropped.
     pub added: Option<String>,
-    /// Effects that this step dropped as superfluous.
+    /// Effects that this step dropped: superfluous, or the added one took their place.
     pub dropped: Vec<String>,
     /// Why.
     pub reason: String,
@@ -226,6 +226,7 @@ pub struct Improvement {
     pub steps: Vec<ImprovementStep>,
     /// The diagnosis of the last structure.
     pub last: Diagnosis,
-    /// Diagnoses of the steps before, in their order.
+    /// Diagnoses of structures before the last, in their order; a step that exchanged one effect for another
+    /// has none.
     pub diagnoses: Vec<Diagnosis>,
 }

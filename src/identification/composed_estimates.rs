@@ -65,7 +65,8 @@ fn effect_estimate(
     let declared = parameter.declaration;
     let value = fit.parameters[index];
     let at_bound = at_bound(parameter, value);
-    let error = fit.standard_error(index).map(|error| scale * error);
+    let error = fit.standard_error(index);
+    let error = error.map(|error| (scale * error).hypot(declared.resolution));
     let width = match declared.prior.scale {
         Scale::Linear => declared.upper - declared.lower,
         Scale::Logarithmic => value * (declared.upper / declared.lower).ln(),

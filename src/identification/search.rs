@@ -38,11 +38,12 @@ const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
 /// A best solution that leaves more than this (weighted squares per row) describes nothing: the objective is
 /// then made of the model's own oscillations, in valleys that the tiers step over.
 const DESCRIBES_PER_ROW: f64 = 100.0;
-/// Cells of the scans where nothing describes the events, and starts from each: of the box, of its face of
-/// least alpha, and of that face's edge of least kappa.
-const UNDESCRIBED: [([usize; OUTER], usize); 3] =
-    [([28, 28, 12], 64), ([1, 192, 24], 256), ([1, 384, 1], 128)];
-const NO_SCAN: ([usize; OUTER], usize) = ([1; OUTER], 0);
+/// Cells of the scans where nothing describes the events, and starts from each: of the box, ...
+const UNDESCRIBED_BOX: ([usize; OUTER], usize) = ([28, 28, 12], 64);
+/// ... of its face of least alpha, ...
+const UNDESCRIBED_FACE: ([usize; OUTER], usize) = ([1, 192, 24], 256);
+/// ... and of that face's edge of least kappa.
+const UNDESCRIBED_EDGE: ([usize; OUTER], usize) = ([1, 384, 1], 128);
 /// Decreases of the objective, relative and absolute, that are not worth a step before solutions are made
 /// exact: far below what tells two solutions apart.
 const ROUGH_DECREASE: f64 = 1e-5;
@@ -133,16 +134,14 @@ fn more_starts(
     let least = (found.iter().map(|f| f.local.value)).fold(f64::INFINITY, f64::min);
     let rows: usize = problem.events().iter().map(PreparedEvent::rows).sum();
     let described = 2.0 * least <= DESCRIBES_PER_ROW * rows as f64;
-    let [of_box, of_face, of_edge] = if described {
+    let (of_box, of_face) = if described {
         let starts = options.second_starts_max;
-        let of_face = (UNDAMPED_CELLS, 2 * starts);
-        [
+        (
             (options.second_start_cells, starts),
-            of_face,
-            ([1; OUTER], 0),
-        ]
+            (UNDAMPED_CELLS, 2 * starts),
+        )
     } else {
-        UNDESCRIBED
+        (UNDESCRIBED_BOX, UNDESCRIBED_FACE)
     };
     let mut starts = Vec::new();
     if worth.len() > 1 || !described {
@@ -152,9 +151,9 @@ fn more_starts(
         let mut face = bounds;
         face.upper[0] = face.lower[0];
         starts.extend(scan_starts(for_scan, &face, of_face, cancel));
-        if of_edge != NO_SCAN {
+        if !described {
             face.upper[2] = face.lower[2];
-            starts.extend(scan_starts(for_scan, &face, of_edge, cancel));
+            starts.extend(scan_starts(for_scan, &face, UNDESCRIBED_EDGE, cancel));
         }
     }
     starts

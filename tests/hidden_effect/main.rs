@@ -15,7 +15,7 @@ mod pairs;
 
 use loadmodeld::{
     adapters::recordings::site_folder,
-    diagnosis::{Change, Diagnosis, DiagnosisOptions, Status, diagnose, improve},
+    diagnosis::{Change, Diagnosis, DiagnosisOptions, Improvement, Status, diagnose, improve},
     disturbance::{ScreeningOptions, Window, screen},
     load_model::effects,
     measurement::Site,
@@ -74,6 +74,28 @@ fn plain() -> Vec<String> {
 fn diagnosed(effects: &[Effect], number: u64) -> Diagnosis {
     let (site, windows) = site(effects, number);
     diagnose(&site, &windows, &plain(), &options(), &|_| (), &|| false).unwrap()
+}
+
+/// Whatever diagnosis after diagnosis adds.
+fn improved(effects: &[Effect], number: u64) -> Improvement {
+    let (site, windows) = site(effects, number);
+    let change = Change::UntilAdequate;
+    let found = improve(
+        &site,
+        &windows,
+        &plain(),
+        &change,
+        &options(),
+        &|_| (),
+        &|| false,
+    );
+    found.unwrap()
+}
+
+/// Residual over noise, step by step.
+fn quoted_errors(found: &Improvement) -> Vec<f64> {
+    let steps = found.steps.iter();
+    steps.map(|s| s.errors.quoted().error_to_noise).collect()
 }
 
 /// The effect is in the answer set, first or with its equals, and lowers the error at the gate.
@@ -140,18 +162,7 @@ fn a_late_channel_is_blamed_on_the_instrument() {
 
 #[test]
 fn adding_what_is_missing_lowers_the_error_step_by_step() {
-    let (site, windows) = site(&[Effect::ExponentialRecovery], 2);
-    let options = options();
-    let found = improve(
-        &site,
-        &windows,
-        &plain(),
-        &Change::UntilAdequate,
-        &options,
-        &|_| (),
-        &|| false,
-    )
-    .unwrap();
+    let found = improved(&[Effect::ExponentialRecovery], 2);
     let added: Vec<_> = found
         .steps
         .iter()
@@ -162,11 +173,7 @@ fn adding_what_is_missing_lowers_the_error_step_by_step() {
         "{added:?}: {:?}",
         found.last.reasons
     );
-    let errors: Vec<f64> = found
-        .steps
-        .iter()
-        .map(|s| s.errors.quoted().error_to_noise)
-        .collect();
+    let errors = quoted_errors(&found);
     assert!(errors[errors.len() - 1] < errors[0], "{errors:?}");
 }
 
@@ -174,17 +181,7 @@ fn adding_what_is_missing_lowers_the_error_step_by_step() {
 fn two_hidden_effects_are_added_one_after_the_other() {
     // The dips that nothing disconnects in show the recovery, but after the load that is gone only.
     let effects = [Effect::ExponentialRecovery, Effect::SelfDisconnection];
-    let (site, windows) = site(&effects, 7);
-    let found = improve(
-        &site,
-        &windows,
-        &plain(),
-        &Change::UntilAdequate,
-        &options(),
-        &|_| (),
-        &|| false,
-    )
-    .unwrap();
+    let found = improved(&effects, 7);
     let last = found.steps.last().unwrap();
     for effect in effects {
         assert!(
@@ -194,11 +191,7 @@ fn two_hidden_effects_are_added_one_after_the_other() {
             found.last.reasons
         );
     }
-    let errors: Vec<f64> = found
-        .steps
-        .iter()
-        .map(|s| s.errors.quoted().error_to_noise)
-        .collect();
+    let errors = quoted_errors(&found);
     assert!(4.0 * errors[errors.len() - 1] < errors[0], "{errors:?}");
 }
 

@@ -114,7 +114,7 @@ fn rounds(improvement: &Improvement) -> Markup {
     html! { @if !improvement.diagnoses.is_empty() {
         section {
             h2 { "How it came to this" }
-            @for (index, (round, step)) in improvement.diagnoses.iter().zip(&improvement.steps).enumerate() {
+            @for (round, index, step) in rounds_with_steps(improvement) {
                 details {
                     summary { "Step " (index) ", " (step_in_words(step, index == 0)) ": " (round.summary) }
                     ul { @for reason in &round.reasons { li { (reason) } } }
@@ -123,6 +123,18 @@ fn rounds(improvement: &Improvement) -> Markup {
             }
         }
     } }
+}
+
+/// Every round but the last, with the step whose structure it judged and that step's number: a step that
+/// exchanged one effect for another has no round unless it is the last.
+fn rounds_with_steps(
+    improvement: &Improvement,
+) -> impl Iterator<Item = (&Diagnosis, usize, &ImprovementStep)> {
+    let mut steps = improvement.steps.iter().enumerate();
+    (improvement.diagnoses.iter()).filter_map(move |round| {
+        let (index, step) = steps.find(|(_, step)| step.structure == round.structure)?;
+        Some((round, index, step))
+    })
 }
 
 #[cfg(test)]
@@ -143,6 +155,24 @@ mod tests {
         }
         assert!(!page.contains("<script"));
         assert_eq!(page.matches("<svg").count(), page.matches("</svg>").count());
+    }
+
+    #[test]
+    fn a_round_stands_with_the_structure_that_it_judged() {
+        let mut improvement = fixture::improvement();
+        // A step that exchanged an effect for another one, and a step after it.
+        let mut exchanged = improvement.steps[1].clone();
+        exchanged.structure = vec!["zip".to_owned(), "self_disconnection".to_owned()];
+        let mut above = exchanged.clone();
+        above.structure.push("time_skew".to_owned());
+        improvement.steps.extend([exchanged.clone(), above]);
+        let mut round = improvement.diagnoses[0].clone();
+        round.structure = exchanged.structure;
+        improvement.diagnoses.push(round);
+        let places: Vec<usize> = rounds_with_steps(&improvement)
+            .map(|(_, index, _)| index)
+            .collect();
+        assert_eq!(places, [0, 2]);
     }
 
     #[test]

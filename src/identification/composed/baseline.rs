@@ -12,7 +12,12 @@ use crate::{
         intake::PreparedEvent,
         joint_problem::ProblemOptions,
     },
-    load_model::{Structure, composed::ComposedModel, effect::Role, structure::StructureError},
+    load_model::{
+        Structure,
+        composed::{ComposedModel, ModelParameter},
+        effect::Role,
+        structure::StructureError,
+    },
 };
 
 /// Above this multiple of the noise (squared, per row) the mildest events are fitted by themselves.
@@ -128,12 +133,7 @@ impl Baseline {
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Option<ComposedFit> {
         let model = &self.all.model;
-        let own = self.all.parameters.iter().zip(model.parameters());
-        let values = own.map(|(own, parameter)| {
-            let index = fit.model.index(&parameter.name);
-            index.map_or(*own, |index| fit.parameters[index])
-        });
-        let values: Vec<f64> = values.collect();
+        let values = values_of(fit, model, &self.all.parameters);
         let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
         unfitted(&rows, model, &values, &self.all.free, options, cancel)
     }
@@ -143,8 +143,8 @@ impl Baseline {
         fit.minus_twice_log_posterior() <= self.all.minus_twice_log_posterior()
     }
 
-    /// [`Self::with`], begun where `fit` is: a fit with the effect and perhaps with more besides. A fit of
-    /// just that structure is kept as it is. `None` where its values cannot be simulated.
+    /// [`Self::with`], begun where `fit` is: a fit with the effect and perhaps with more besides. `None` where
+    /// its values cannot be simulated.
     ///
     /// # Errors
     ///
@@ -158,23 +158,10 @@ impl Baseline {
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<Self>, StructureError> {
         let model = ComposedModel::new(&self.structure.with(effect)?);
-        let names = |model: &ComposedModel| -> Vec<String> {
-            let parameters = model.parameters().iter();
-            parameters.map(|p| p.name.clone()).collect()
-        };
-        if names(&model) == names(&fit.model) {
-            return self
-                .completed(fit.clone(), effect, options, cancel)
-                .map(Some);
-        }
-        let own = names(&model).into_iter().zip(model.typical());
-        let values = own.map(|(name, typical)| {
-            let index = fit.model.index(&name);
-            index.map_or(typical, |index| fit.parameters[index])
-        });
+        let values = values_of(fit, &model, &model.typical());
         let free = fit.free.iter();
         let free = free.filter_map(|&index| model.index(&fit.model.parameters()[index].name));
-        let (values, mut free): (Vec<f64>, Vec<usize>) = (values.collect(), free.collect());
+        let mut free: Vec<usize> = free.collect();
         free.sort_unstable();
         let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
         let Some(begun) = unfitted(&rows, &model, &values, &free, options, cancel) else {
@@ -260,8 +247,7 @@ pub fn baseline(
         }
         let mild: Vec<PreparedEvent> = order[..count].iter().map(|e| (*e).clone()).collect();
         // Only a start of other fits: the local solutions of the scan will do.
-        let mut options_of_search = SearchOptions::default();
-        options_of_search.trust_tech.tiers_max = 0;
+        let mut options_of_search = SearchOptions::default().sketch();
         options_of_search.trust_tech.evaluations_max = MILD_EVALUATIONS_MAX;
         let Some(found) = search(&mild, *problem, &options_of_search, cancel) else {
             continue;
@@ -280,6 +266,16 @@ pub fn baseline(
         }
     }
     Some(result)
+}
+
+/// The vector of `model` with the values of `fit`, and `others` where it has none.
+fn values_of(fit: &ComposedFit, model: &ComposedModel, others: &[f64]) -> Vec<f64> {
+    let own = model.parameters().iter().zip(others);
+    let value = |(parameter, other): (&ModelParameter, &f64)| {
+        let index = fit.model.index(&parameter.name);
+        index.map_or(*other, |index| fit.parameters[index])
+    };
+    own.map(value).collect()
 }
 
 #[allow(

@@ -160,13 +160,7 @@ pub(super) fn fit_rows(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<ComposedFit> {
     let coordinates = Coordinates::new(model, start, free);
-    let place = Place {
-        rows,
-        model,
-        coordinates: &coordinates,
-        scatter: &options.scatter,
-        cancel,
-    };
+    let place = Place::new(rows, model, &coordinates, options, cancel);
     let mut fitting = Fitting {
         place,
         options,
@@ -201,13 +195,7 @@ pub(super) fn unfitted(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<ComposedFit> {
     let coordinates = Coordinates::new(model, parameters, free);
-    let place = Place {
-        rows,
-        model,
-        coordinates: &coordinates,
-        scatter: &options.scatter,
-        cancel,
-    };
+    let place = Place::new(rows, model, &coordinates, options, cancel);
     let (fit, _) = place.finished(&coordinates.unknowns(parameters), None, 0)?;
     Some(fit)
 }
@@ -314,6 +302,22 @@ pub(super) struct Place<'a> {
 }
 
 impl<'a> Place<'a> {
+    pub(super) fn new(
+        rows: &'a [EventRows<'a>],
+        model: &'a ComposedModel,
+        coordinates: &'a Coordinates,
+        options: &'a ComposedFitOptions,
+        cancel: &'a (dyn Fn() -> bool + Sync),
+    ) -> Self {
+        Self {
+            rows,
+            model,
+            coordinates,
+            scatter: &options.scatter,
+            cancel,
+        }
+    }
+
     /// The problem with the covariances of a point, from memory where `known` is that point.
     pub(super) fn problem(
         &self,
@@ -358,12 +362,10 @@ impl<'a> Place<'a> {
             .sum();
         let slopes = DVector::from_vec(self.coordinates.slopes(&parameters));
         let free = self.coordinates.indices();
-        let resolution = |i: usize| self.model.parameters()[free[i]].declaration.resolution;
         let covariance = expansion.curvature.cholesky().map(|factor| {
             let inverse = factor.inverse();
             DMatrix::from_fn(slopes.len(), slopes.len(), |i, j| {
-                let form = if i == j { resolution(i).powi(2) } else { 0.0 };
-                slopes[i] * inverse[(i, j)] * slopes[j] + form
+                slopes[i] * inverse[(i, j)] * slopes[j]
             })
         });
         let fit = ComposedFit {

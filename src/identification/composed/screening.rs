@@ -202,13 +202,13 @@ pub(super) fn thresholds(events: &[PreparedEvent], declared: &Parameter) -> Vec<
 impl Step<'_> {
     /// Where the model is simulated and compared with the events.
     pub(super) fn place<'a>(&'a self, coordinates: &'a Coordinates) -> Place<'a> {
-        Place {
-            rows: self.rows,
-            model: self.model,
+        Place::new(
+            self.rows,
+            self.model,
             coordinates,
-            scatter: &self.options.scatter,
-            cancel: self.cancel,
-        }
+            self.options,
+            self.cancel,
+        )
     }
 
     /// The origin's parameters with the effect absent.

@@ -133,8 +133,7 @@ fn centred(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {
     if let Some(covariance) = &mut moved.covariance {
         covariance.row_mut(place).fill(0.0);
         covariance.column_mut(place).fill(0.0);
-        let form = step.model.parameters()[index].declaration.resolution;
-        covariance[(place, place)] = width * width / 12.0 + form * form;
+        covariance[(place, place)] = width * width / 12.0;
     }
     Some(moved)
 }

@@ -174,9 +174,9 @@ pub type MoreStarts<'a> = &'a (dyn Fn(&[FoundSolution]) -> Vec<DVector<f64>> + S
 pub struct Starts<'a> {
     /// What tier 0 begins with.
     pub first: &'a [DVector<f64>],
-    /// More starts, asked for once, after the tiers have ended or used up half of the calls of the problem that
-    /// the options allow, with what was found until then; from the new solutions they lead to, if any, the tiers
-    /// go on.
+    /// More starts, asked for once, with what was found until then: after the tiers have ended, or amid them when
+    /// half of the calls of the problem are used up that the options allow. From the new solutions they lead to,
+    /// if any, the tiers go on.
     pub second: Option<MoreStarts<'a>>,
 }
 

@@ -5,7 +5,7 @@ use std::{collections::VecDeque, ops::Range};
 use nalgebra::DVector;
 
 use super::{
-    DirectionOutcome, DirectionRecord, Ended, FoundSolution, Options, Search, Starts,
+    DirectionOutcome, DirectionRecord, Ended, FoundSolution, MoreStarts, Options, Search, Starts,
     directions::Direction,
     exit_point::{ExitSearch, PathEnd},
     known::Known,
@@ -90,9 +90,9 @@ pub(super) fn explore(
         solutions: Vec::new(),
         directions: Vec::new(),
         cost: Cost::default(),
-        limit: options.evaluations_max,
+        more: starts.second,
     };
-    let ended = explorer.run(starts);
+    let ended = explorer.run(starts.first);
     Search {
         solutions: explorer.solutions,
         directions: explorer.directions,
@@ -120,37 +120,35 @@ struct Explorer<'a> {
     solutions: Vec<FoundSolution>,
     directions: Vec<DirectionRecord>,
     cost: Cost,
-    /// Calls of the problem after which the search ends, or goes on to its second starts.
-    limit: u64,
+    /// More starts, until they have been asked for.
+    more: Option<MoreStarts<'a>>,
 }
 
 impl Explorer<'_> {
-    fn run(&mut self, starts: &Starts<'_>) -> Ended {
-        if starts.second.is_some() {
-            self.limit /= 2;
-        }
-        let mut ended = self.settle_starts(starts.first);
-        if ended.is_none() {
-            ended = Some(self.climb_tiers(0));
-        }
-        self.limit = self.options.evaluations_max;
-        let ended = ended.unwrap_or(Ended::NoSolution);
-        let goes_on = matches!(
-            ended,
-            Ended::NothingNew { .. } | Ended::EvaluationsExhausted { .. }
-        );
-        let Some(second) = starts.second.filter(|_| goes_on) else {
-            return ended;
-        };
-        let known = self.solutions.len();
-        if let Some(ended) = self.settle_starts(&second(&self.solutions)) {
+    fn run(&mut self, first: &[DVector<f64>]) -> Ended {
+        if let Some(ended) = self.settle_starts(first) {
             return ended;
         }
-        if self.solutions.len() == known {
-            ended
-        } else {
-            self.climb_tiers(known)
+        let mut begun = 0;
+        loop {
+            let ended = self.climb_tiers(begun);
+            if !matches!(ended, Ended::NothingNew { .. }) {
+                return ended;
+            }
+            begun = self.solutions.len();
+            if let Some(interrupted) = self.settle_more() {
+                return interrupted;
+            }
+            if self.solutions.len() == begun {
+                return ended;
+            }
         }
+    }
+
+    /// Asks for more starts, unless that has been done. Returns a reason to end, if there is one.
+    fn settle_more(&mut self) -> Option<Ended> {
+        let more = self.more.take()?;
+        self.settle_starts(&more(&self.solutions))
     }
 
     /// Tier 0. Returns a reason to end, if there is one already.
@@ -217,7 +215,14 @@ impl Explorer<'_> {
             if waiting.is_empty() {
                 return None;
             }
-            if let Some(ended) = self.interruption() {
+            let ended = self.interruption();
+            if ended.is_some() {
+                return ended;
+            }
+            // Tiers that climb along a row of minima without end would leave nothing for these.
+            if self.cost.evaluations() >= self.options.evaluations_max / 2
+                && let Some(ended) = self.settle_more()
+            {
                 return Some(ended);
             }
             let some: Vec<Task> = waiting.drain(..waiting.len().min(SIDE_BY_SIDE)).collect();
@@ -312,7 +317,7 @@ impl Explorer<'_> {
     }
 
     fn interruption(&self) -> Option<Ended> {
-        let (evaluations, limit) = (self.cost.evaluations(), self.limit);
+        let (evaluations, limit) = (self.cost.evaluations(), self.options.evaluations_max);
         if (self.cancel)() {
             Some(Ended::Cancelled)
         } else if evaluations >= limit {

@@ -23,7 +23,8 @@ pub struct ImprovementV1 {
     /// Where it ended.
     #[serde(rename = "final")]
     pub end: ImprovementEndV1,
-    /// The diagnosis of each round, the last structure's last.
+    /// The diagnosis of each round, the last structure's last; a step that exchanged one effect for another is
+    /// judged in none.
     pub diagnoses: Vec<DiagnosisV1>,
 }
 
@@ -34,7 +35,7 @@ pub struct ImprovementStepV1 {
     pub structure: Vec<String>,
     /// The effect that this step added; null for the first step and for one that only dropped.
     pub added: Option<String>,
-    /// Effects that this step dropped as superfluous.
+    /// Effects that this step dropped: superfluous, or the added one took their place.
     pub dropped: Vec<String>,
     /// Why.
     pub reason: String,
