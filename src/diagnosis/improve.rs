@@ -263,7 +263,7 @@ impl<'a> Stairs<'a> {
         if fit.criterion() > self.at.all.criterion() - EXCHANGE_DELTA_BIC {
             return Ok(None);
         }
-        let next = fewer.completed(fit, new, options, cancel)?;
+        let next = fewer.completed(&case.judged, fit, new, options, cancel)?;
         Ok(Some((new.to_owned(), next)))
     }
 

@@ -209,6 +209,7 @@ fn pair(
             continue;
         };
         let base = base.baseline.completed(
+            &case.judged,
             fit.clone(),
             list[first].name(),
             &case.options.composed,

@@ -30,6 +30,8 @@ const GOOD_FIT: f64 = 1.6;
 const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
 /// Calls of the objective in the search on the mild events.
 const MILD_EVALUATIONS_MAX: u64 = 300;
+/// Above this an ordinary load is a start of its own: what is fitted is bent by what is missing.
+const BENT: f64 = 4.0;
 /// Place of kappa in a model's vector.
 const KAPPA: usize = 2;
 /// Shares of kappa from which a fit begins, until one can be simulated: a motor at its steepest in the
@@ -47,6 +49,9 @@ pub struct Baseline {
     pub all: ComposedFit,
     /// The mildest events, and the fit to them alone.
     pub mild: Option<(Vec<PreparedEvent>, ComposedFit)>,
+    /// An ordinary load, not fitted, its effects as in `all`: where what is missing bends a fit, its optimum
+    /// may be farther from the truth. None where nothing seems to be missing.
+    pub ordinary: Option<ComposedFit>,
 }
 
 impl Baseline {
@@ -74,7 +79,8 @@ impl Baseline {
         let Some(all) = self.extended(events, effect, options, cancel)? else {
             return Ok(None);
         };
-        self.completed(all, effect, options, cancel).map(Some)
+        self.completed(events, all, effect, options, cancel)
+            .map(Some)
     }
 
     /// The fit of the structure with one more effect to all events, from both origins. An effect that
@@ -105,7 +111,11 @@ impl Baseline {
         options: &ComposedFitOptions,
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Ground<'a> {
-        Ground::new(events, &self.structure, &self.origins(), options, cancel)
+        let ground = Ground::new(events, &self.structure, &self.origins(), options, cancel);
+        match &self.ordinary {
+            Some(ordinary) => ground.and_from(ordinary),
+            None => ground,
+        }
     }
 
     /// A coarse fit with one more effect to all events, from both origins: enough to compare it with
@@ -168,16 +178,18 @@ impl Baseline {
             return Ok(None);
         };
         let all = refine(events, begun, effect, options, cancel);
-        self.completed(all, effect, options, cancel).map(Some)
+        self.completed(events, all, effect, options, cancel)
+            .map(Some)
     }
 
-    /// The baseline with `effect`, of which `all` is the fit to all events.
+    /// The baseline with `effect`, of which `all` is the fit to all `events`.
     ///
     /// # Errors
     ///
     /// As [`Self::with`].
     pub fn completed(
         &self,
+        events: &[PreparedEvent],
         all: ComposedFit,
         effect: &str,
         options: &ComposedFitOptions,
@@ -193,6 +205,7 @@ impl Baseline {
         }
         Ok(Self {
             structure: self.structure.with(effect)?,
+            ordinary: ordinary(events, &all, options, cancel),
             all,
             mild,
         })
@@ -229,6 +242,7 @@ pub fn baseline(
     let all = refined(events, sketched(events, best)?);
     let mut result = Baseline {
         structure: structure.clone(),
+        ordinary: ordinary(events, &all, options, cancel),
         all,
         mild: None,
     };
@@ -266,6 +280,27 @@ pub fn baseline(
         }
     }
     Some(result)
+}
+
+/// An ordinary load with the effects of `fit`; none where that follows the events.
+fn ordinary(
+    events: &[PreparedEvent],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<ComposedFit> {
+    if fit.chi_square_per_row() < BENT {
+        return None;
+    }
+    let model = &fit.model;
+    let mut values = model.typical();
+    for (index, parameter) in model.parameters().iter().enumerate() {
+        if parameter.effect.is_some() {
+            values[index] = fit.parameters[index];
+        }
+    }
+    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    unfitted(&rows, model, &values, &fit.free, options, cancel)
 }
 
 /// The vector of `model` with the values of `fit`, and `others` where it has none.

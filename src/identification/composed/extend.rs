@@ -3,6 +3,7 @@
 
 use super::{
     fit::{ComposedFit, ComposedFitOptions, fit_rows},
+    relay_walk,
     rows::EventRows,
     screening::{Base, Candidate, Score, Screening, Step, thresholds},
     threshold::settled,
@@ -19,17 +20,21 @@ use crate::{
     numerics::local_solver,
 };
 
-/// Candidates from which a refit starts.
+/// Candidates from which a refit starts; one more where an ordinary load is a start.
 const STARTS: usize = 3;
 /// Shares of the proposed amplitude that are tried.
 const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
 /// A start that leaves more than this multiple of what the best one leaves, the effect fitted alone, is
 /// not fitted any further.
 const STAGED_LEFT_MAX: f64 = 2.0;
+/// What a fit begun at an ordinary load leaves is multiplied by this before it is compared with others.
+const HANDICAP: f64 = 1.25;
 /// Calls of the objective with which the effect alone is brought near its optimum.
 const FIRST_STAGE_EVALUATIONS: u64 = 10;
 /// Candidates that leave more than this multiple of what the best one leaves are not refitted.
 const LEFT_MAX: f64 = 1.5;
+/// Walks of the relays' settings after a fit, at most.
+const WALKS_MAX: usize = 3;
 /// Standard errors below this share of the prior's deviation come from the data.
 const DETERMINED: f64 = 0.7;
 /// Candidates whose gains differ by less than this share, and whose amplitudes do too, are one.
@@ -47,6 +52,8 @@ pub struct Ground<'a> {
     rows: Vec<EventRows<'a>>,
     /// With what their screens share; none where an event cannot be simulated.
     origins: Vec<(&'a ComposedFit, Option<Base>)>,
+    /// Which of them was not fitted to the events, if any.
+    unfitted: Option<usize>,
     /// Coarse.
     options: ComposedFitOptions,
     cancel: &'a (dyn Fn() -> bool + Sync),
@@ -56,7 +63,8 @@ pub struct Ground<'a> {
 pub struct Screened {
     effect: &'static dyn Effect,
     model: ComposedModel,
-    /// Over the grid and from every origin, by its place, most gain first.
+    /// Over the grid and from every origin, by its place, most gain first; those from the one that was not fitted
+    /// come last.
     candidates: Vec<(usize, Candidate)>,
 }
 
@@ -103,10 +111,21 @@ impl<'a> Ground<'a> {
             events,
             structure,
             origins: origins.iter().map(with_base).collect(),
+            unfitted: None,
             rows,
             options: options.coarse(),
             cancel,
         }
+    }
+
+    /// The same, and refits begin from `ordinary` too: a load that was not fitted, so that what it leaves says
+    /// nothing of what is missing.
+    #[must_use]
+    pub(super) fn and_from(mut self, ordinary: &'a ComposedFit) -> Self {
+        let base = Base::new(&self.rows, ordinary, &self.options.scatter);
+        self.unfitted = Some(self.origins.len());
+        self.origins.push((ordinary, base));
+        self
     }
 
     fn step<'s>(&'s self, origin: usize, screened: &'s Screened) -> Step<'s> {
@@ -134,6 +153,7 @@ impl<'a> Ground<'a> {
             .map(|index| &screened.model.parameters()[index].declaration);
         let voltages = threshold.map_or_else(Vec::new, |p| thresholds(self.events, p));
         let mut candidates = Vec::new();
+        let is_unfitted = |number: usize| self.unfitted == Some(number);
         for (number, (_, base)) in self.origins.iter().enumerate() {
             if let Some(base) = base {
                 let step = self.step(number, &screened);
@@ -146,8 +166,11 @@ impl<'a> Ground<'a> {
         let nothing = (self.origins.iter())
             .filter_map(|(_, base)| Some(base.as_ref()?.left()))
             .fold(f64::INFINITY, f64::min);
-        candidates.retain(|(_, candidate)| candidate.left <= nothing);
-        candidates.sort_by(|a, b| b.1.score.gain.total_cmp(&a.1.score.gain));
+        candidates.retain(|(number, c)| c.left <= nothing || is_unfitted(*number));
+        candidates.sort_by(|a, b| {
+            let gain = b.1.score.gain.total_cmp(&a.1.score.gain);
+            is_unfitted(a.0).cmp(&is_unfitted(b.0)).then(gain)
+        });
         screened.candidates = candidates;
         Ok(screened)
     }
@@ -173,7 +196,8 @@ impl<'a> Ground<'a> {
         let mut promising: Vec<(usize, Candidate)> = promising.cloned().collect();
         promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
         let mut staged: Vec<(usize, ComposedFit)> = Vec::new();
-        for (number, candidate) in distinct(promising) {
+        let starts = STARTS + usize::from(self.unfitted.is_some());
+        for (number, candidate) in distinct(promising, starts) {
             let Some(base) = &self.origins[number].1 else {
                 continue;
             };
@@ -190,12 +214,18 @@ impl<'a> Ground<'a> {
             .iter()
             .map(|(_, fit)| left(fit))
             .fold(f64::INFINITY, f64::min);
-        staged.retain(|(_, fit)| left(fit) <= STAGED_LEFT_MAX * least);
+        // An ordinary load has not yet followed.
+        let unfitted = |number: usize| self.unfitted == Some(number);
+        staged.retain(|(number, fit)| unfitted(*number) || left(fit) <= STAGED_LEFT_MAX * least);
         let fits = staged.iter().filter_map(|(number, fit)| {
             let step = self.step(*number, screened);
-            step.fit(&fit.parameters, &step.all())
+            let fit = step.fit(&fit.parameters, &step.all())?;
+            // What both lead to is no better for having begun farther away.
+            let handicap = if unfitted(*number) { HANDICAP } else { 1.0 };
+            Some((handicap * evidence(&fit), fit))
         });
-        fits.min_by(|a, b| evidence(a).total_cmp(&evidence(b)))
+        let best = fits.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, fit)| fit)
     }
 
     /// A refit once more, from its end.
@@ -246,6 +276,12 @@ pub fn refine(
         |found: &ComposedFit| found.minus_twice_log_posterior() <= fit.minus_twice_log_posterior();
     let mut best = found.filter(lower).unwrap_or_else(|| fit.clone());
     best.evaluations += fit.evaluations;
+    for _ in 0..WALKS_MAX {
+        let Some(walked) = walked(&rows, &best, options, cancel) else {
+            break;
+        };
+        best = walked;
+    }
     let step = Step {
         rows: &rows,
         model: &fit.model,
@@ -257,6 +293,20 @@ pub fn refine(
     settled(&step, best)
 }
 
+/// A fit begun where a walk of the relays' settings leads from `fit`; none where that is no lower.
+fn walked(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<ComposedFit> {
+    let from = relay_walk::from_fit(rows, fit, options, cancel)?;
+    let mut found = fit_rows(rows, &fit.model, &from, &fit.free, options, cancel)?;
+    found.evaluations += fit.evaluations;
+    let gained = fit.minus_twice_log_posterior() - found.minus_twice_log_posterior();
+    (gained > relay_walk::WORTH).then_some(found)
+}
+
 /// Whether a candidate is worth a refit.
 fn promises(candidate: &Candidate) -> bool {
     candidate.score.gain > GAIN_MIN && candidate.score.visibility > VISIBILITY_MIN
@@ -264,7 +314,7 @@ fn promises(candidate: &Candidate) -> bool {
 
 /// The best candidates that are not one and the same; the best of every origin is among them, for what
 /// is left of a bad fit by a linear extrapolation and what is left of a good one do not compare.
-fn distinct(mut sorted: Vec<(usize, Candidate)>) -> Vec<(usize, Candidate)> {
+fn distinct(mut sorted: Vec<(usize, Candidate)>, starts: usize) -> Vec<(usize, Candidate)> {
     let mut chosen: Vec<(usize, Candidate)> = Vec::new();
     let limit = (sorted.first()).map_or(f64::INFINITY, |(_, best)| LEFT_MAX * best.left);
     let mut seen: Vec<usize> = Vec::new();
@@ -286,7 +336,7 @@ fn distinct(mut sorted: Vec<(usize, Candidate)>) -> Vec<(usize, Candidate)> {
                 && near(known.score.gain, candidate.score.gain)
                 && pairs.fold(true, |all, (a, b)| all && near(*a, *b))
         };
-        if chosen.len() < STARTS && !chosen.iter().any(alike) {
+        if chosen.len() < starts && !chosen.iter().any(alike) {
             chosen.push((number, candidate));
         }
     }

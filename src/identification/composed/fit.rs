@@ -8,6 +8,7 @@ use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
     problem::{ComposedProblem, Linearised},
+    relay_walk,
     rows::{EventRows, LINEAR_COUNT, Scatter, random_effects},
 };
 use crate::{
@@ -36,6 +37,10 @@ const COARSE_DECREASE_RELATIVE: f64 = 3e-4;
 const COARSE_EVALUATIONS_MAX: u64 = 16;
 /// A start that leaves more than this per row is first brought nearer with the noise alone.
 const APPROACHED: f64 = 4.0;
+/// While more than that is left the relays' settings are walked, at most so often, ...
+const WALKS_MAX: usize = 4;
+/// ... as long as that lowers the objective by this share.
+const WALK_WORTH: f64 = 0.02;
 /// A fit that leaves more than this per row is no nearer to the truth for being exact.
 const FAR: f64 = 25.0;
 
@@ -53,6 +58,11 @@ impl ComposedFitOptions {
             local,
             ..*self
         }
+    }
+
+    /// Whether it is one of [`Self::coarse`].
+    fn is_coarse(&self) -> bool {
+        self.rounds_max <= 1
     }
 }
 
@@ -233,19 +243,38 @@ impl Fitting<'_> {
             scatter: &scatter,
             ..self.place
         };
-        let problem = place.problem(&self.x, self.lowest.take())?;
         let settings = local_solver::Options {
             evaluations_max: self.options.local.evaluations_max,
             ..self.coarse
         };
-        let bounds = self.place.coordinates.bounds();
-        let found =
-            local_solver::minimise(&problem, &bounds, &self.x, &settings, place.cancel).ok()?;
-        self.evaluations += found.cost.evaluations();
-        self.x = found.x;
-        self.lowest = problem.into_lowest();
+        let coordinates = self.place.coordinates;
+        let bounds = coordinates.bounds();
         let count: usize = self.place.rows.iter().map(EventRows::count).sum();
-        Some(2.0 * found.value / count as f64)
+        let mut walks = if self.options.is_coarse() {
+            0
+        } else {
+            WALKS_MAX
+        };
+        loop {
+            let problem = place.problem(&self.x, self.lowest.take())?;
+            let found =
+                local_solver::minimise(&problem, &bounds, &self.x, &settings, place.cancel).ok()?;
+            self.evaluations += found.cost.evaluations();
+            self.x = found.x;
+            let left = 2.0 * found.value / count as f64;
+            if walks == 0 || left < APPROACHED {
+                self.lowest = problem.into_lowest();
+                return Some(left);
+            }
+            walks -= 1;
+            let begun = (self.x.clone(), found.value);
+            let (x, value) = relay_walk::walk(&problem, place.model, coordinates, begun);
+            self.lowest = problem.into_lowest();
+            if value > (1.0 - WALK_WORTH) * found.value {
+                return Some(left);
+            }
+            self.x = x;
+        }
     }
 
     /// Rounds of fits, each with the covariances of where the one before ended.

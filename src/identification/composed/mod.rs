@@ -13,6 +13,7 @@ mod model;
 mod narrowed;
 mod operating_point;
 mod problem;
+mod relay_walk;
 mod rows;
 mod screening;
 mod threshold;

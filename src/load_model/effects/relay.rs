@@ -17,6 +17,10 @@ use crate::{
 /// depths of any two events, large against the noise of a voltage.
 pub(in crate::load_model) const VOLTAGE_SPREAD_PU: f64 = 0.008;
 
+/// The same of a voltage to which it returns, pu: stalled motors let it creep there, and it stays within a
+/// wider spread for seconds.
+const RETURN_SPREAD_PU: f64 = 0.004;
+
 /// Time over which a block switches after its delay, s: breakers of a group take 1 to 5 ms longer or
 /// shorter.
 const SWITCHING_S: f64 = 0.004;
@@ -24,6 +28,9 @@ const SWITCHING_S: f64 = 0.004;
 /// Standard deviation of a relay's voltage where the load's has no spread: it may lie anywhere in that of the
 /// model, uniformly, `VOLTAGE_SPREAD_PU / sqrt 3`.
 pub(super) const VOLTAGE_RESOLUTION_PU: f64 = 0.0046;
+
+/// The same of a voltage to which it returns: `RETURN_SPREAD_PU / sqrt 3`.
+pub(super) const RETURN_RESOLUTION_PU: f64 = 0.0023;
 
 /// The same of a delay, in the time over which a block switches: `SWITCHING_S / sqrt 12`.
 pub(super) const TIME_RESOLUTION_S: f64 = 0.0012;
@@ -39,6 +46,11 @@ impl Parameter {
 /// Exactly 1 where the voltage is well below the threshold, exactly 0 where it is well above.
 pub(in crate::load_model) fn below<S: Scalar>(voltage: S, threshold: S) -> S {
     smooth_step((threshold - voltage) * (0.5 / VOLTAGE_SPREAD_PU) + 0.5)
+}
+
+/// Exactly 1 where the voltage is well above a threshold to which it returns, exactly 0 where it is well below.
+pub(super) fn returned<S: Scalar>(voltage: S, threshold: S) -> S {
+    smooth_step((voltage - threshold) * (0.5 / RETURN_SPREAD_PU) + 0.5)
 }
 
 /// The mean of a condition over a step, from its start, middle and end.

@@ -57,7 +57,7 @@ const DECLARATION: Declaration = Declaration {
     name: "single_phase_ac_stall",
     title: "Single-phase air conditioners that stall",
     kind: Kind::Physics,
-    version: 3,
+    version: 4,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
         Parameter::shape(["stall_voltage", "V_st", "pu"], [0.4, 0.62, 0.8], 0.06)
@@ -73,7 +73,7 @@ const DECLARATION: Declaration = Declaration {
         Parameter::shape(["restarting_share", "r", "1"], [0.0, 0.1, 1.0], 0.3),
         Parameter::shape(["restart_voltage", "V_rs", "pu"], [0.8, 0.92, 0.98], 0.04)
             .with_reference(Reference::Voltage)
-            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
+            .with_resolution(relay::RETURN_RESOLUTION_PU),
         Parameter::positive_shape(["restart_time_s", "T_rs", "s"], [0.05, 0.35, 2.0], 0.4)
             .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["first_trip_heat", "h_1", "1"], [0.3, 0.9, 3.0], 0.4),
@@ -154,7 +154,7 @@ fn left_on<S: Elementary>(heat: S, p: &[S]) -> S {
 impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let low = step.voltage.map(|v| relay::below(v, p[1]));
-        let high = step.voltage.map(|v| -relay::below(v, p[7]) + 1.0);
+        let high = step.voltage.map(|v| relay::returned(v, p[7]));
         let [stall_timer, stalled, restart_timer, restarted, heat] = x else {
             return;
         };

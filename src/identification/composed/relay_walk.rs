@@ -1,0 +1,101 @@
+//! A walk of the settings of relays: where none of an event's samples falls into the switching of a relay the
+//! objective has no slope in its voltage or its delay, and a solver that begins in such a place stays there.
+
+use nalgebra::DVector;
+
+use super::{
+    coordinates::Coordinates,
+    fit::{ComposedFit, ComposedFitOptions, Place},
+    problem::ComposedProblem,
+    rows::EventRows,
+};
+use crate::{
+    load_model::{
+        composed::{ComposedModel, ModelParameter},
+        effect::{Reference, Role, Scale},
+        effects,
+    },
+    numerics::Objective,
+};
+
+/// First steps of a voltage, pu, and of a delay, relative.
+const VOLTAGE_STEP: f64 = 0.016;
+const DELAY_STEP: f64 = 0.24;
+/// How often a step is halved.
+const HALVINGS: usize = 3;
+/// Steps at most in one direction.
+const STEPS_MAX: usize = 4;
+
+/// What a walk from a fit must gain in minus twice the logarithm of the posterior: two standard errors.
+pub(super) const WORTH: f64 = 4.0;
+
+/// A point with its value.
+type At = (DVector<f64>, f64);
+
+/// Where a walk leads from the end of a fit, as parameters; none where it gains too little, or nothing can be
+/// walked.
+pub(super) fn from_fit(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<f64>> {
+    let model = &fit.model;
+    let all = model.parameters();
+    if !fit.free.iter().any(|index| is_setting(&all[*index])) {
+        return None;
+    }
+    let coordinates = Coordinates::new(model, &fit.parameters, &fit.free);
+    let x = coordinates.unknowns(&fit.parameters);
+    let place = Place::new(rows, model, &coordinates, options, cancel);
+    let problem = place.problem(&x, None)?;
+    let value = problem.value(&x)?;
+    let (walked, lower) = walk(&problem, model, &coordinates, (x, value));
+    (2.0 * (value - lower) > WORTH).then(|| coordinates.parameters(&walked))
+}
+
+/// Moves one setting after the other while the objective falls, everything else held. The point it ends at,
+/// with the objective there.
+pub(super) fn walk(
+    problem: &ComposedProblem<'_>,
+    model: &ComposedModel,
+    coordinates: &Coordinates,
+    begun: At,
+) -> At {
+    let bounds = coordinates.bounds();
+    let mut at = begun;
+    for (place, index) in coordinates.indices().into_iter().enumerate() {
+        let parameter = &model.parameters()[index];
+        if !is_setting(parameter) {
+            continue;
+        }
+        let mut step = match parameter.declaration.prior.scale {
+            Scale::Linear => VOLTAGE_STEP,
+            Scale::Logarithmic => DELAY_STEP,
+        };
+        for _ in 0..=HALVINGS {
+            for direction in [step, -step] {
+                for _ in 0..STEPS_MAX {
+                    let mut x = at.0.clone();
+                    x[place] =
+                        (x[place] + direction).clamp(bounds.lower[place], bounds.upper[place]);
+                    match problem.value(&x).filter(|value| *value < at.1) {
+                        Some(value) => at = (x, value),
+                        None => break,
+                    }
+                }
+            }
+            step *= 0.5;
+        }
+    }
+    at
+}
+
+/// Whether a parameter is a voltage or a delay of an effect that has a threshold.
+fn is_setting(parameter: &ModelParameter) -> bool {
+    let declared = &parameter.declaration;
+    let relay = parameter.effect.and_then(effects::find);
+    declared.role == Role::Shape
+        && (declared.reference == Reference::Voltage || declared.unit == "s")
+        && relay.is_some_and(|effect| effect.threshold().is_some())
+}
