@@ -126,11 +126,11 @@ fn simulation(
     for _ in 0..REPEATS {
         let begun = clock::cpu_seconds();
         for event in events {
-            let drive = Drive {
-                terminal: &event.input,
-                frequency_deviation: event.chain.output_frequency_deviation(),
-                reactive_at_rest: event.q0_pu / event.p0_pu,
-            };
+            let drive = Drive::new(
+                &event.input,
+                event.chain.output_frequency_deviation(),
+                event.q0_pu / event.p0_pu,
+            );
             black_box(model.simulate(parameters, wanted, &drive)?);
         }
         best = best.min(clock::cpu_seconds() - begun);

@@ -181,11 +181,7 @@ fn try_to_simulate(
     let deviation: Vec<f64> = (0..count)
         .map(|k| 0.004 * (0.03 * (k as f64 - 30.0).max(0.0)).sin())
         .collect();
-    let drive = Drive {
-        terminal: &input,
-        frequency_deviation: &deviation,
-        reactive_at_rest: 0.3,
-    };
+    let drive = Drive::new(&input, &deviation, 0.3);
     model.simulate(p, wanted, &drive)
 }
 

@@ -27,6 +27,9 @@ use crate::{
 /// nothing else; their other local solutions are no better ones.
 const EXPLORED_BELOW_PER_ROW: f64 = 10.0;
 
+/// A fit that leaves less than this per row is not sought from elsewhere.
+const FOLLOWED: f64 = 2.0;
+
 /// Whoever waits for a diagnosis.
 #[derive(Clone, Copy)]
 pub(super) struct Watcher<'a> {
@@ -205,7 +208,7 @@ impl<'a> Case<'a> {
             return self.with(base, effect);
         };
         let had_companions = found.all.parameters.len() != fit.parameters.len();
-        if !had_companions {
+        if !had_companions || found.all.chi_square_per_row() < FOLLOWED {
             return Ok(found);
         }
         match self.with(base, effect) {
@@ -213,6 +216,18 @@ impl<'a> Case<'a> {
             Ok(_) | Err(IdentificationError::NoSolution) => Ok(found),
             Err(error) => Err(error),
         }
+    }
+
+    /// [`Baseline::lower_from`] on the judged events.
+    pub(super) fn lower_from(
+        &self,
+        base: &Baseline,
+        fit: &ComposedFit,
+    ) -> Result<Option<Baseline>, IdentificationError> {
+        let (options, cancel) = (&self.options.composed, self.watcher.cancel);
+        let lower = base.lower_from(&self.judged, fit, options, cancel);
+        self.watcher.check()?;
+        Ok(lower)
     }
 
     pub(super) fn failed(&self) -> IdentificationError {
@@ -247,18 +262,26 @@ impl<'a> Case<'a> {
         composed::narrowed(&self.judged, fit, options, self.watcher.cancel)
     }
 
-    /// The same without the gate.
+    /// The same without the gate. Levels of relays that the fitted events leave open are those of `fit`: where one
+    /// lies between a dip that operated a relay and one that did not, an event between them cannot be foretold,
+    /// and says nothing against the model.
     fn narrowed_without_gate(&self, fit: &ComposedFit) -> Result<ComposedFit, IdentificationError> {
+        let fitted = self.part(false);
         let options = &self.options.composed;
-        let fit = self
-            .without_gate(fit, options)
-            .ok_or_else(|| self.failed())?;
-        Ok(composed::narrowed(
-            &self.part(false),
-            &fit,
-            options,
-            self.watcher.cancel,
-        ))
+        let trained = |fit: &ComposedFit| {
+            let own = self.without_gate(fit, options);
+            own.map(|own| composed::narrowed(&fitted, &own, options, self.watcher.cancel))
+        };
+        let free = trained(fit).ok_or_else(|| self.failed())?;
+        let open = |[one, other]: [f64; 2]| {
+            let between = |e: &PreparedEvent| {
+                let lowest = e.lowest_voltage * e.v0_pu;
+                one.min(other) < lowest && lowest < one.max(other)
+            };
+            !fitted.iter().any(between)
+        };
+        let held = composed::with_levels_of(&free, fit, open);
+        Ok(held.and_then(|held| trained(&held)).unwrap_or(free))
     }
 
     /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely

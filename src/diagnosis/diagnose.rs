@@ -157,9 +157,12 @@ fn summary(round: &Round, answer: &[String]) -> String {
         Status::Adequate => {
             "The model follows these events: nothing is missing that they could show.".to_owned()
         }
-        Status::MissingEffect => match round.decision.second {
+        Status::MissingEffect => match &round.decision.second {
             None => format!("The model lacks {first}{rivals}."),
-            Some(second) => format!("The model lacks {first}{rivals}, and besides it {second}."),
+            Some(second) => format!(
+                "The model lacks {first}{rivals}, and besides it {}.",
+                second.name
+            ),
         },
         Status::InstrumentSuspect => {
             format!("The instrument, not the load, explains what is left: {first}{rivals}.")

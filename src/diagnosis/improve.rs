@@ -5,7 +5,7 @@ use super::{
     diagnose::report,
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status},
-    round::round,
+    round::{Second, round},
     trials::addable,
     where_it_fails::failure,
 };
@@ -123,21 +123,33 @@ impl<'a> Stairs<'a> {
         Ok(stairs)
     }
 
-    fn diagnosis(&self) -> Result<Diagnosis, IdentificationError> {
-        self.round().map(|(found, _)| found)
+    fn diagnosis(&mut self) -> Result<Diagnosis, IdentificationError> {
+        self.round().map(|(found, ..)| found)
     }
 
-    /// A diagnosis, and the fit with the first effect of its answer.
-    fn round(&self) -> Result<(Diagnosis, Option<ComposedFit>), IdentificationError> {
+    /// A diagnosis, the fit with the first effect of its answer, and the second that it needs, if any. Where
+    /// it found a lower fit of the structure itself, that takes the place of the one it began with.
+    fn round(
+        &mut self,
+    ) -> Result<(Diagnosis, Option<ComposedFit>, Option<Second>), IdentificationError> {
         let round = round(self.case, self.at.clone())?;
+        let asked = &round.asked.baseline;
+        if asked.all.minus_twice_log_posterior() < self.at.all.minus_twice_log_posterior() {
+            self.at = asked.clone();
+            if let Some(last) = self.steps.pop() {
+                let step = self.step(&self.at, last.added, last.dropped, last.reason)?;
+                self.steps.push(step);
+            }
+        }
         let first = round.decision.answer.first();
         let fit = first.and_then(|&place| round.trials[place].fit.clone());
-        Ok((report(self.case, &round)?, fit))
+        let found = report(self.case, &round)?;
+        Ok((found, fit, round.decision.second))
     }
 
     fn climb(&mut self) -> Result<(), IdentificationError> {
         for _ in 0..ROUNDS_MAX {
-            let (mut found, fit) = self.round()?;
+            let (mut found, fit, second) = self.round()?;
             let missing = matches!(
                 found.status,
                 Status::MissingEffect | Status::InstrumentSuspect
@@ -148,10 +160,15 @@ impl<'a> Stairs<'a> {
             };
             match self.higher(&effect, fit.as_ref(), &found.summary)? {
                 Ok(higher) => {
+                    let reason = found.summary.clone();
                     self.diagnoses.push(found);
-                    self.steps.push(higher.step);
-                    self.at = higher.next;
-                    self.exchange(&effect, &higher.without)?;
+                    self.take(&effect, higher)?;
+                    if let Some(Second { name, fit }) = &second
+                        && self.at.structure.with(name).is_ok()
+                        && let Ok(higher) = self.higher(name, Some(fit), &reason)?
+                    {
+                        self.take(name, higher)?;
+                    }
                 }
                 Err(reason) => {
                     found
@@ -163,6 +180,12 @@ impl<'a> Stairs<'a> {
             }
         }
         Ok(())
+    }
+
+    fn take(&mut self, effect: &str, higher: Higher) -> Result<(), IdentificationError> {
+        self.steps.push(higher.step);
+        self.at = higher.next;
+        self.exchange(effect, &higher.without)
     }
 
     /// The next step up, or why there is none.

@@ -7,7 +7,10 @@ use super::{
     trials::{Fitted, Trial, addable, trials},
 };
 use crate::{
-    identification::{IdentificationError, composed::Baseline},
+    identification::{
+        IdentificationError,
+        composed::{Baseline, ComposedFit},
+    },
     load_model::effect::Kind,
 };
 
@@ -40,7 +43,13 @@ pub(super) struct Decision {
     /// Reasons with their figures.
     pub(super) reasons: Vec<String>,
     /// A second effect that the best one needs beside it to reach the floor.
-    pub(super) second: Option<&'static str>,
+    pub(super) second: Option<Second>,
+}
+
+/// A second effect, and the fit with both.
+pub(super) struct Second {
+    pub(super) name: &'static str,
+    pub(super) fit: ComposedFit,
 }
 
 impl Round {
@@ -52,11 +61,22 @@ impl Round {
 
 /// Tries every effect on a fitted structure and decides.
 pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, IdentificationError> {
-    let asked = Fitted::new(case, asked);
-    let accompanied = companions(case, &asked.baseline)?.map(|b| Fitted::new(case, b));
+    let mut asked = Fitted::new(case, asked);
+    let accompanied = companions(case, &asked.baseline)?.map(|with| Fitted::new(case, with));
     let base = accompanied.as_ref().unwrap_or(&asked);
     let names = addable(&base.baseline.structure, case.options);
-    let mut list = trials(case, base, &names)?;
+    let (base, mut list) = trials(case, base.clone(), &names)?;
+    let accompanied = if accompanied.is_some() {
+        // They may only have helped the fit of the structure itself on.
+        if let Some(lower) = case.lower_from(&asked.baseline, &base.baseline.all)? {
+            asked = Fitted::new(case, lower);
+        }
+        Some(base)
+    } else {
+        asked = base;
+        None
+    };
+    let base = accompanied.as_ref().unwrap_or(&asked);
     let mut decision = decide(case, base, &list)?;
     if let Some(with) = &accompanied
         && decision.answer.is_empty()
@@ -65,7 +85,8 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
         // Nothing else is missing: the companions speak for themselves.
         let present = |name: &&&str| !asked.baseline.structure.contains(name);
         let names: Vec<&'static str> = COMPANIONS.iter().filter(present).copied().collect();
-        let own = trials(case, &asked, &names)?;
+        let (own_base, own) = trials(case, asked, &names)?;
+        asked = own_base;
         let declared = |t: &Trial| {
             let evidence = t.evidence.as_ref();
             evidence.is_some_and(|e| objections(e, &case.options.claim).is_empty())
@@ -145,7 +166,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
         });
     }
     Ok(match pair(case, base, list, &answer)? {
-        Some(pair) => with_second(list, status, answer, found, &pair),
+        Some(pair) => with_second(list, status, answer, found, pair),
         None => Decision {
             status: Status::UnknownEffect,
             answer: Vec::new(),
@@ -167,13 +188,13 @@ fn with_second(
     status: Status,
     mut answer: Vec<usize>,
     found: String,
-    pair: &Pair,
+    pair: Pair,
 ) -> Decision {
     let reason = format!(
         "{} alone leaves more than the noise; together with {} the misfit is {:.2} per sample",
         list[pair.first].name(),
-        pair.second,
-        pair.chi_square
+        pair.second.name,
+        pair.second.fit.chi_square_per_row()
     );
     if answer.first() != Some(&pair.first) {
         // Its rivals were those of an effect that alone was not enough.
@@ -190,8 +211,7 @@ fn with_second(
 /// Two effects that together explain what one does not.
 struct Pair {
     first: usize,
-    second: &'static str,
-    chi_square: f64,
+    second: Second,
 }
 
 fn pair(
@@ -215,25 +235,25 @@ fn pair(
             &case.options.composed,
             case.watcher.cancel,
         )?;
-        let base = Fitted::new(case, base);
-        let names = addable(&base.baseline.structure, case.options);
-        let seconds = trials(case, &base, &names)?;
+        let names = addable(&base.structure, case.options);
+        let (_, seconds) = trials(case, Fitted::new(case, base), &names)?;
         let found = seconds.iter().find(|t| {
             t.evidence
                 .as_ref()
                 .is_some_and(|e| objections(e, options).is_empty() && reaches(e, options))
         });
-        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit.as_ref()?))) else {
+        let Some((second, fit)) = found.and_then(|t| Some((t, t.fit.clone()?))) else {
             continue;
         };
         let criterion = fit.criterion();
+        let at_floor = fit.chi_square_per_row() < options.reached_floors * options.floor;
         if best.as_ref().is_none_or(|(known, _)| criterion < *known) {
-            let pair = Pair {
-                first,
-                second: second.name(),
-                chi_square: fit.chi_square_per_row(),
-            };
-            best = Some((criterion, pair));
+            let name = second.name();
+            let second = Second { name, fit };
+            best = Some((criterion, Pair { first, second }));
+        }
+        if at_floor {
+            break;
         }
     }
     Ok(best.map(|(_, pair)| pair))

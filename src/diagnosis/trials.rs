@@ -37,6 +37,18 @@ const RIVALS_MAX: usize = 3;
 
 /// Effects that gain at least this share of what the best one gains are fitted to the end.
 const REFINED_SHARE: f64 = 0.4;
+/// So many of them at most, the best sketches first ...
+const REFINED_MAX: usize = 5;
+/// ... and, once the events are followed (less than this per row), ...
+const FOLLOWED: f64 = 2.0;
+/// ... none whose sketch leaves more than this many times what the best one leaves.
+const BEATEN: f64 = 10.0;
+
+/// An effect that leaves less than this share of what was left before may have helped the structure's own fit
+/// on, ...
+const LOWERED_SHARE: f64 = 0.5;
+/// ... which is looked after in all but the last of so many rounds of trials.
+const LOWERED_MAX: usize = 3;
 
 /// One effect on top of a structure.
 pub(super) struct Trial {
@@ -66,6 +78,7 @@ impl Trial {
 }
 
 /// A structure as rounds see it: fitted to all judged events, and its misfit on the gate.
+#[derive(Clone)]
 pub(super) struct Fitted {
     pub(super) baseline: Baseline,
     pub(super) gate: Option<f64>,
@@ -82,13 +95,38 @@ impl Fitted {
     }
 }
 
+/// What came of trying effects on a structure.
+enum Tried {
+    /// Best first.
+    All(Vec<Trial>),
+    /// With one of them the structure itself came to where it follows the events better without it.
+    Lower(Box<Baseline>),
+}
+
 /// Tries every effect that may be added, best first: refitted ones by the criterion, then the others
-/// by their score.
+/// by their score. With the structure as it was tried on: where an effect only helped its fit on, that begins
+/// anew from there.
 pub(super) fn trials(
+    case: &Case<'_>,
+    base: Fitted,
+    names: &[&'static str],
+) -> Result<(Fitted, Vec<Trial>), IdentificationError> {
+    let mut base = base;
+    for again in (0..LOWERED_MAX).rev() {
+        match tried(case, &base, names, again > 0)? {
+            Tried::All(list) => return Ok((base, list)),
+            Tried::Lower(lower) => base = Fitted::new(case, *lower),
+        }
+    }
+    Ok((base, Vec::new()))
+}
+
+fn tried(
     case: &Case<'_>,
     base: &Fitted,
     names: &[&'static str],
-) -> Result<Vec<Trial>, IdentificationError> {
+    may_lower: bool,
+) -> Result<Tried, IdentificationError> {
     let options = &case.options.composed;
     let ground = (base.baseline).ground(&case.judged, options, case.watcher.cancel);
     let (mut list, screens) = screened(case, base, &ground, names)?;
@@ -104,6 +142,7 @@ pub(super) fn trials(
         .filter(|t| worth(t))
         .count()
         .min(case.options.refits_max);
+    let mut least = base.chi_square();
     let both = list.iter_mut().zip(&screens).filter(|(t, _)| worth(t));
     for (done, (trial, screened)) in both.take(refits).enumerate() {
         case.watcher
@@ -111,6 +150,15 @@ pub(super) fn trials(
         trial.tried = true;
         trial.fit = base.baseline.sketched(&ground, screened);
         case.watcher.check()?;
+        let Some(fit) = trial.fit.as_ref().filter(|_| may_lower) else {
+            continue;
+        };
+        if fit.chi_square_per_row() < LOWERED_SHARE * least {
+            least = fit.chi_square_per_row();
+            if let Some(lower) = case.lower_from(&base.baseline, fit)? {
+                return Ok(Tried::Lower(Box::new(lower)));
+            }
+        }
     }
     refine(case, base, &mut list)?;
     rivals_from_the_best(case, base, &mut list)?;
@@ -129,7 +177,7 @@ pub(super) fn trials(
             hold_against_gate(case, base, trial);
         }
     }
-    Ok(list)
+    Ok(Tried::All(list))
 }
 
 /// What every motor does more or less: at the floor it needs what other effects need, however far it
@@ -256,18 +304,37 @@ fn rivals_from_the_best(
 fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), IdentificationError> {
     let before = base.baseline.all.criterion();
     let gain = |fit: &ComposedFit| before - fit.criterion();
+    let left = |trial: &Trial| {
+        let fit = trial.fit.as_ref();
+        fit.map_or(f64::INFINITY, ComposedFit::chi_square_per_row)
+    };
     let best = (list.iter().filter_map(|t| t.fit.as_ref()))
         .map(gain)
         .fold(0.0, f64::max);
-    for trial in list.iter_mut().filter(|trial| trial.evidence.is_none()) {
+    let mut order: Vec<(usize, f64)> = (list.iter().enumerate())
+        .filter(|(_, trial)| trial.evidence.is_none())
+        .filter_map(|(place, trial)| Some((place, gain(trial.fit.as_ref()?))))
+        .collect();
+    order.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let ended = list.iter().filter(|trial| trial.evidence.is_some());
+    let mut least = ended.map(left).fold(f64::INFINITY, f64::min);
+    for (number, (place, gain)) in order.into_iter().enumerate() {
+        let trial = &mut list[place];
+        let beaten = least < FOLLOWED && left(trial) > BEATEN * least;
         let Some(mut fit) = trial.fit.take() else {
             continue;
         };
-        if gain(&fit) > 0.0 && gain(&fit) >= REFINED_SHARE * best {
+        if gain > 0.0 && gain >= REFINED_SHARE * best && number < REFINED_MAX && !beaten {
+            case.watcher.says(
+                format!("fitting {} to the end", trial.name()),
+                number,
+                REFINED_MAX,
+            );
             let options = &case.options.composed;
             let cancel = case.watcher.cancel;
             fit = composed::refine(&case.judged, fit, trial.declaration.name, options, cancel);
             case.watcher.check()?;
+            least = least.min(fit.chi_square_per_row());
         }
         trial.evidence = Some(evidence(base, trial, &fit));
         trial.fit = Some(fit);

@@ -245,11 +245,7 @@ impl Dip {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<Response, SimulationError> {
-        let drive = Drive {
-            terminal: &self.input,
-            frequency_deviation: &self.deviation,
-            reactive_at_rest: REACTIVE_AT_REST,
-        };
+        let drive = Drive::new(&self.input, &self.deviation, REACTIVE_AT_REST);
         model.simulate(parameters, wanted, &drive)
     }
 

@@ -37,6 +37,10 @@ const KAPPA: usize = 2;
 /// Shares of kappa from which a fit begins, until one can be simulated: a motor at its steepest in the
 /// plain search, which knows one operating point only, is beyond pull-out at another.
 const EASED: [f64; 4] = [1.0, 0.9, 0.75, 0.5];
+/// A fit of the same structure is another one where minus twice its log posterior is lower by this ...
+const LOWER: f64 = 10.0;
+/// ... and by this share of the squares it leaves.
+const LOWER_SHARE: f64 = 0.1;
 /// Fewest events of a mild fit.
 const MILD_EVENTS_MIN: usize = 2;
 
@@ -128,7 +132,7 @@ impl Baseline {
             return Some(fit);
         }
         // The covariances of its start may have hidden what it leaves: once more, with those of its end.
-        let again = ground.again(screened, fit);
+        let again = ground.again(screened, &fit);
         Some(again).filter(|fit| self.followed_by(fit))
     }
 
@@ -146,6 +150,28 @@ impl Baseline {
         let values = values_of(fit, model, &self.all.parameters);
         let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
         unfitted(&rows, model, &values, &self.all.free, options, cancel)
+    }
+
+    /// The same structure fitted to all events from where `fit`, with one more effect, has its values: none
+    /// where that ends no lower than this.
+    #[must_use]
+    pub fn lower_from(
+        &self,
+        events: &[PreparedEvent],
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Self> {
+        let newest = self.structure.names().pop()?;
+        let begun = self.with_values_of(events, fit, options, cancel)?;
+        let all = refine(events, begun, &newest, options, cancel);
+        let gained = self.all.minus_twice_log_posterior() - all.minus_twice_log_posterior();
+        let least = LOWER.max(LOWER_SHARE * self.all.squares.iter().sum::<f64>());
+        (gained > least).then(|| Self {
+            ordinary: ordinary(events, &all, options, cancel),
+            all,
+            ..self.clone()
+        })
     }
 
     /// Whether a fit ends no higher than this one, from which it began: otherwise it lost its way.
@@ -195,11 +221,20 @@ impl Baseline {
         options: &ComposedFitOptions,
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, StructureError> {
-        let mut mild = None;
+        let (mut mild, mut all) = (None, all);
         if let Some((few, fit)) = &self.mild {
             let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
             let own = ground.refit(&ground.screen(effect)?);
             let own = own.map(|fit| refine(few, fit, effect, options, cancel));
+            if all.chi_square_per_row() > BENT {
+                // What the mild events have may lead where all of them did not.
+                let from = values_of(own.as_ref().unwrap_or(fit), &all.model, &all.parameters);
+                let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+                let begun = unfitted(&rows, &all.model, &from, &all.free, options, cancel);
+                let led = begun.map(|fit| refine(events, fit, effect, options, cancel));
+                let least = all.minus_twice_log_posterior();
+                all = (led.filter(|fit| fit.minus_twice_log_posterior() < least)).unwrap_or(all);
+            }
             // What does not show in the mild events leaves their fit as it is.
             mild = Some((few.clone(), own.unwrap_or_else(|| fit.clone())));
         }

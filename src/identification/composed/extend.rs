@@ -2,7 +2,7 @@
 //! refitted in stages from the best of them.
 
 use super::{
-    fit::{ComposedFit, ComposedFitOptions, fit_rows},
+    fit::{ComposedFit, ComposedFitOptions, approached, fit_rows, unfitted},
     relay_walk,
     rows::EventRows,
     screening::{Base, Candidate, Score, Screening, Step, thresholds},
@@ -12,7 +12,7 @@ use crate::{
     identification::intake::PreparedEvent,
     load_model::{
         Structure,
-        composed::ComposedModel,
+        composed::{Accuracy, ComposedModel},
         effect::{Effect, Parameter, Role, Scale},
         effects,
         structure::StructureError,
@@ -27,6 +27,11 @@ const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
 /// A start that leaves more than this multiple of what the best one leaves, the effect fitted alone, is
 /// not fitted any further.
 const STAGED_LEFT_MAX: f64 = 2.0;
+/// Where the noise alone leaves more than this per row, the sketch is fitted with what varies from event to
+/// event ...
+const ENDED_ABOVE: f64 = 10.0;
+/// ... from so many starts only.
+const ENDED_MAX: usize = 2;
 /// What a fit begun at an ordinary load leaves is multiplied by this before it is compared with others.
 const HANDICAP: f64 = 1.25;
 /// Calls of the objective with which the effect alone is brought near its optimum.
@@ -43,6 +48,12 @@ const ALIKE: f64 = 1e-3;
 const GAIN_MIN: f64 = 4.0;
 /// Least part of the effect that the fitted model must not be able to mimic.
 const VISIBILITY_MIN: f64 = 1e-4;
+
+/// What leaves more than this per row is simulated roughly: there effects are looked for and fitted by
+/// what is far greater.
+const ROUGH_ABOVE: f64 = 4.0;
+/// Starts from one origin that leave the same to this share are one.
+const SAME_LEFT: f64 = 1e-4;
 
 /// Fits of one structure, from which effects are added to it: to the same or to fewer events than it
 /// holds.
@@ -105,7 +116,14 @@ impl<'a> Ground<'a> {
         options: &ComposedFitOptions,
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Self {
-        let rows: Vec<EventRows<'a>> = events.iter().map(EventRows::new).collect();
+        let near = |fit: &&ComposedFit| fit.chi_square_per_row() < ROUGH_ABOVE;
+        let accuracy = if origins.first().is_none_or(near) {
+            Accuracy::Full
+        } else {
+            Accuracy::Rough
+        };
+        let of = |event| EventRows::with_accuracy(event, accuracy);
+        let rows: Vec<EventRows<'a>> = events.iter().map(of).collect();
         let with_base = |fit: &&'a ComposedFit| (*fit, Base::new(&rows, fit, &options.scatter));
         Self {
             events,
@@ -195,6 +213,7 @@ impl<'a> Ground<'a> {
         let promising = screened.candidates.iter().filter(|(_, c)| promises(c));
         let mut promising: Vec<(usize, Candidate)> = promising.cloned().collect();
         promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
+        let left = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
         let mut staged: Vec<(usize, ComposedFit)> = Vec::new();
         let starts = STARTS + usize::from(self.unfitted.is_some());
         for (number, candidate) in distinct(promising, starts) {
@@ -204,12 +223,16 @@ impl<'a> Ground<'a> {
             let step = self.step(number, screened);
             let candidate = Screening::new(&step, base).polish(candidate);
             let from = step.start(&candidate, base);
-            staged.extend(
-                from.and_then(|from| step.effect_alone(&from))
-                    .map(|fit| (number, fit)),
-            );
+            let Some(fit) = from.and_then(|from| step.effect_alone(&from)) else {
+                continue;
+            };
+            let same = |(other, known): &(usize, ComposedFit)| {
+                *other == number && (left(known) - left(&fit)).abs() < SAME_LEFT * left(&fit)
+            };
+            if !staged.iter().any(same) {
+                staged.push((number, fit));
+            }
         }
-        let left = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
         let least = staged
             .iter()
             .map(|(_, fit)| left(fit))
@@ -217,9 +240,20 @@ impl<'a> Ground<'a> {
         // An ordinary load has not yet followed.
         let unfitted = |number: usize| self.unfitted == Some(number);
         staged.retain(|(number, fit)| unfitted(*number) || left(fit) <= STAGED_LEFT_MAX * least);
-        let fits = staged.iter().filter_map(|(number, fit)| {
+        // Far from the events the noise alone tells which starts lead anywhere.
+        let near = staged.into_iter().filter_map(|(number, fit)| {
+            let (parameters, left) = self.step(number, screened).approached(&fit.parameters)?;
+            Some((number, parameters, left))
+        });
+        let mut near: Vec<(usize, Vec<f64>, f64)> = near.collect();
+        near.sort_by(|a, b| a.2.total_cmp(&b.2));
+        let least = near.first().map_or(0.0, |(.., left)| *left);
+        if least > ENDED_ABOVE {
+            near.truncate(ENDED_MAX);
+        }
+        let fits = near.iter().filter_map(|(number, parameters, _)| {
             let step = self.step(*number, screened);
-            let fit = step.fit(&fit.parameters, &step.all())?;
+            let fit = step.fit(parameters, &step.all())?;
             // What both lead to is no better for having begun farther away.
             let handicap = if unfitted(*number) { HANDICAP } else { 1.0 };
             Some((handicap * evidence(&fit), fit))
@@ -229,9 +263,9 @@ impl<'a> Ground<'a> {
     }
 
     /// A refit once more, from its end.
-    pub(super) fn again(&self, screened: &Screened, fit: ComposedFit) -> ComposedFit {
-        let name = screened.effect.declaration().name;
-        refine(self.events, fit, name, &self.options, self.cancel)
+    pub(super) fn again(&self, screened: &Screened, fit: &ComposedFit) -> ComposedFit {
+        let effect = screened.effect;
+        refine_rows(&self.rows, fit, effect, &self.options, self.cancel)
     }
 
     /// The fit of the first origin with `effect` in its structure although no candidate promised
@@ -242,7 +276,9 @@ impl<'a> Ground<'a> {
         screened: &Screened,
         options: &ComposedFitOptions,
     ) -> Option<ComposedFit> {
+        let rows: Vec<EventRows<'_>> = self.events.iter().map(EventRows::new).collect();
         let step = Step {
+            rows: &rows,
             options,
             ..self.step(0, screened)
         };
@@ -263,9 +299,37 @@ pub fn refine(
     let Some(effect) = effects::find(effect) else {
         return fit;
     };
+    let mut fit = fit;
+    if fit.chi_square_per_row() > ROUGH_ABOVE {
+        let of = |event| EventRows::with_accuracy(event, Accuracy::Rough);
+        let rough: Vec<EventRows<'_>> = events.iter().map(of).collect();
+        fit = refine_rows(&rough, &fit, effect, options, cancel);
+    }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    // It may have been simulated roughly.
+    let (model, parameters) = (&fit.model, &fit.parameters);
+    let Some(begun) = unfitted(&rows, model, parameters, &fit.free, options, cancel) else {
+        return fit;
+    };
+    let fit = ComposedFit {
+        evaluations: fit.evaluations,
+        ..begun
+    };
+    if fit.chi_square_per_row() > ROUGH_ABOVE {
+        return fit;
+    }
+    refine_rows(&rows, &fit, effect, options, cancel)
+}
+
+fn refine_rows(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    effect: &'static dyn Effect,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> ComposedFit {
     let found = fit_rows(
-        &rows,
+        rows,
         &fit.model,
         &fit.parameters,
         &fit.free,
@@ -277,16 +341,16 @@ pub fn refine(
     let mut best = found.filter(lower).unwrap_or_else(|| fit.clone());
     best.evaluations += fit.evaluations;
     for _ in 0..WALKS_MAX {
-        let Some(walked) = walked(&rows, &best, options, cancel) else {
+        let Some(walked) = walked(rows, &best, options, cancel) else {
             break;
         };
         best = walked;
     }
     let step = Step {
-        rows: &rows,
+        rows,
         model: &fit.model,
         effect,
-        origin: &fit,
+        origin: fit,
         options,
         cancel,
     };
@@ -423,6 +487,19 @@ impl Step<'_> {
         all.sort_unstable();
         all.dedup();
         all
+    }
+
+    /// Where the noise alone leads from a start, and what is left there; the start where it is near.
+    fn approached(&self, from: &[f64]) -> Option<(Vec<f64>, f64)> {
+        let free = self.all();
+        approached(
+            self.rows,
+            self.model,
+            from,
+            &free,
+            self.options,
+            self.cancel,
+        )
     }
 
     fn include(&self) -> Option<ComposedFit> {

@@ -171,15 +171,8 @@ pub(super) fn fit_rows(
 ) -> Option<ComposedFit> {
     let coordinates = Coordinates::new(model, start, free);
     let place = Place::new(rows, model, &coordinates, options, cancel);
-    let mut fitting = Fitting {
-        place,
-        options,
-        coarse: options.coarse().local,
-        x: coordinates.unknowns(start),
-        lowest: None,
-        evaluations: 0,
-    };
-    let left = if fitting.is_far()? {
+    let mut fitting = Fitting::new(place, options, start);
+    let left = if fitting.left()? > APPROACHED {
         fitting.approach()?
     } else {
         0.0
@@ -193,6 +186,28 @@ pub(super) fn fit_rows(
     let lower =
         |fit: &ComposedFit| fit.minus_twice_log_posterior() <= begun.minus_twice_log_posterior();
     Some(settled.filter(lower).unwrap_or(begun))
+}
+
+/// The first part of a fit: where the noise alone leads from a start that is far from the events, and what is
+/// left there per row.
+pub(super) fn approached(
+    rows: &[EventRows<'_>],
+    model: &ComposedModel,
+    start: &[f64],
+    free: &[usize],
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<(Vec<f64>, f64)> {
+    let coordinates = Coordinates::new(model, start, free);
+    let place = Place::new(rows, model, &coordinates, options, cancel);
+    let mut fitting = Fitting::new(place, options, start);
+    let near = fitting.left()?;
+    let left = if near > APPROACHED {
+        fitting.approach()?
+    } else {
+        near
+    };
+    Some((coordinates.parameters(&fitting.x), left))
 }
 
 /// Everything at `parameters` as they are, nothing fitted. `None` when they cannot be simulated.
@@ -221,14 +236,25 @@ struct Fitting<'a> {
     evaluations: u64,
 }
 
-impl Fitting<'_> {
-    /// Whether the start leaves more than [`APPROACHED`] per row.
-    fn is_far(&mut self) -> Option<bool> {
+impl<'a> Fitting<'a> {
+    fn new(place: Place<'a>, options: &'a ComposedFitOptions, start: &[f64]) -> Self {
+        Self {
+            place,
+            options,
+            coarse: options.coarse().local,
+            x: place.coordinates.unknowns(start),
+            lowest: None,
+            evaluations: 0,
+        }
+    }
+
+    /// What the start leaves per row.
+    fn left(&mut self) -> Option<f64> {
         let problem = self.place.problem(&self.x, None)?;
         let squares: f64 = problem.known_squares()?.iter().sum();
         self.lowest = problem.into_lowest();
         let count: usize = self.place.rows.iter().map(EventRows::count).sum();
-        Some(squares > APPROACHED * count as f64)
+        Some(squares / count as f64)
     }
 
     /// Comes near with the noise alone. With what varies from event to event marginalised, a model that

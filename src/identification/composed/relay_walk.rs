@@ -91,6 +91,29 @@ pub(super) fn walk(
     at
 }
 
+/// `fit` with those levels of its relays that are `open` towards `other`, a fit of the same model, as they
+/// are there, and not free. None where there are none.
+#[must_use]
+pub fn with_levels_of(
+    fit: &ComposedFit,
+    other: &ComposedFit,
+    open: impl Fn([f64; 2]) -> bool,
+) -> Option<ComposedFit> {
+    let mut held = fit.clone();
+    held.covariance = None;
+    for &index in &fit.free {
+        let parameter = &fit.model.parameters()[index];
+        let is_level =
+            is_setting(parameter) && parameter.declaration.reference == Reference::Voltage;
+        let level = other.parameters[index];
+        if is_level && open([fit.parameters[index], level]) {
+            held.parameters[index] = level;
+            held.free.retain(|i| *i != index);
+        }
+    }
+    (held.free.len() < fit.free.len()).then_some(held)
+}
+
 /// Whether a parameter is a voltage or a delay of an effect that has a threshold.
 fn is_setting(parameter: &ModelParameter) -> bool {
     let declared = &parameter.declaration;

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     identification::{intake::PreparedEvent, joint_problem::ProblemOptions},
     load_model::{
-        composed::{ComposedModel, Drive, MotorCourse, Response, SimulationError},
+        composed::{Accuracy, ComposedModel, Drive, MotorCourse, Response, SimulationError},
         effect::{Place, Role},
         effects,
     },
@@ -58,10 +58,15 @@ pub(super) struct EventRows<'a> {
     used: Vec<usize>,
     measured: DVector<f64>,
     deviations: Vec<f64>,
+    accuracy: Accuracy,
 }
 
 impl<'a> EventRows<'a> {
     pub(super) fn new(event: &'a PreparedEvent) -> Self {
+        Self::with_accuracy(event, Accuracy::Full)
+    }
+
+    pub(super) fn with_accuracy(event: &'a PreparedEvent, accuracy: Accuracy) -> Self {
         let used: Vec<usize> = (0..event.len()).filter(|&k| event.used[k]).collect();
         let both = |p: &[f64], q: &[f64]| -> Vec<f64> {
             let active = used.iter().map(|&k| p[k]);
@@ -72,6 +77,14 @@ impl<'a> EventRows<'a> {
             deviations: both(&event.active_deviation, &event.reactive_deviation),
             used,
             event,
+            accuracy,
+        }
+    }
+
+    fn drive(&self) -> Drive<'a> {
+        Drive {
+            accuracy: self.accuracy,
+            ..drive(self.event)
         }
     }
 
@@ -88,7 +101,7 @@ impl<'a> EventRows<'a> {
     ) -> Result<Response, SimulationError> {
         let event = self.event;
         let (own, slopes) = at_operating_point(model, parameters, event);
-        let mut response = model.simulate(&own, wanted, &drive(event))?;
+        let mut response = model.simulate(&own, wanted, &self.drive())?;
         let columns = [
             &mut response.active_derivatives,
             &mut response.reactive_derivatives,
@@ -178,7 +191,7 @@ impl<'a> EventRows<'a> {
         wanted: &[usize],
     ) -> Result<Option<MotorCourse>, SimulationError> {
         let (own, _) = at_operating_point(model, parameters, self.event);
-        model.motor_course(&own, wanted, &drive(self.event))
+        model.motor_course(&own, wanted, &self.drive())
     }
 
     /// The derivative columns of [`Self::expanded`] alone, beside a known `motor` where that serves.
@@ -193,7 +206,7 @@ impl<'a> EventRows<'a> {
             let (own, slopes) = at_operating_point(model, parameters, self.event);
             let sources = self.sources(model, parameters, wanted);
             let simulated = &sources.simulated;
-            let drive = drive(self.event);
+            let drive = self.drive();
             if let Some([mut active, mut reactive]) =
                 model.derivatives_beside(motor, &own, simulated, &drive)?
             {
@@ -269,11 +282,11 @@ fn refer([active, reactive]: [&mut Vec<Vec<f64>>; 2], wanted: &[usize], slopes: 
 
 /// What drives a composed model in an event.
 pub(super) fn drive(event: &PreparedEvent) -> Drive<'_> {
-    Drive {
-        terminal: &event.input,
-        frequency_deviation: event.chain.output_frequency_deviation(),
-        reactive_at_rest: event.q0_pu / event.p0_pu,
-    }
+    Drive::new(
+        &event.input,
+        event.chain.output_frequency_deviation(),
+        event.q0_pu / event.p0_pu,
+    )
 }
 
 /// The parameters that vary from event to event, with the standard deviation of each.

@@ -1,6 +1,6 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
-use super::{ComposedFitOptions, Ground, fit, refine};
+use super::{Baseline, ComposedFitOptions, Ground, fit, refine, with_levels_of};
 use crate::{
     disturbance::{Closing, Trigger, Window},
     identification::{
@@ -71,11 +71,11 @@ fn drawn_by(
 ) -> Vec<PreparedEvent> {
     let mut drawn = events.to_vec();
     for event in &mut drawn {
-        let drive = Drive {
-            terminal: &event.input,
-            frequency_deviation: event.chain.output_frequency_deviation(),
-            reactive_at_rest: event.q0_pu / event.p0_pu,
-        };
+        let drive = Drive::new(
+            &event.input,
+            event.chain.output_frequency_deviation(),
+            event.q0_pu / event.p0_pu,
+        );
         let response = model.simulate(parameters, &[], &drive).unwrap();
         let measured = event.chain.measured(&response.active, &response.reactive);
         for (k, [active, reactive]) in measured.into_iter().enumerate() {
@@ -201,6 +201,69 @@ fn a_second_effect_is_seen_beside_one_whose_threshold_has_no_slope() {
     assert!(found.chi_square_per_row() < 0.2 * base.chi_square_per_row());
     let share = found.parameters[both.index(&format!("{SECOND}.share")).unwrap()];
     assert!((share - 0.1).abs() < 0.03, "{share}");
+}
+
+#[test]
+fn a_fit_that_another_effect_helped_on_is_taken_on_without_it() {
+    let structure = Structure::zip_im().with("stator_resistance").unwrap();
+    let model = ComposedModel::new(&structure);
+    let mut truth = model.typical();
+    truth[model.index("stator_resistance.resistance").unwrap()] = 0.02;
+    let events = drawn_by(&model, &truth, &events());
+    let free: Vec<usize> = (0..model.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let mut unfinished = options;
+    (unfinished.rounds_max, unfinished.local.evaluations_max) = (1, 1);
+    let mut begun = truth.clone();
+    (begun[0], begun[2]) = (begun[0] + 1.5, 1.3 * begun[2]);
+    let baseline = Baseline {
+        all: fit(&events, &model, &begun, &free, &unfinished, &|| false).unwrap(),
+        mild: None,
+        ordinary: None,
+        structure: structure.clone(),
+    };
+    let helped = ComposedModel::new(&structure.with("time_skew").unwrap());
+    let values: Vec<f64> = (helped.parameters().iter())
+        .map(|p| {
+            model
+                .index(&p.name)
+                .map_or(p.declaration.neutral, |i| truth[i])
+        })
+        .collect();
+    let fit_with = fit(&events, &helped, &values, &free, &unfinished, &|| false).unwrap();
+    assert!(baseline.all.chi_square_per_row() > 10.0);
+    let lower = (baseline.lower_from(&events, &fit_with, &options, &|| false)).expect("lower");
+    assert!(lower.all.chi_square_per_row() < 0.1 * baseline.all.chi_square_per_row());
+    // There it ends.
+    assert!(
+        lower
+            .lower_from(&events, &fit_with, &options, &|| false)
+            .is_none()
+    );
+}
+
+#[test]
+fn a_level_that_no_event_bounds_is_that_of_the_other_fit() {
+    const EFFECT: &str = "motor_undervoltage_trip";
+    let model = ComposedModel::new(&Structure::zip_im().with(EFFECT).unwrap());
+    let events = events();
+    let free: Vec<usize> = (0..model.parameters().len()).collect();
+    let mut options = ComposedFitOptions::default();
+    (options.rounds_max, options.local.evaluations_max) = (1, 1);
+    let at = model.index(&format!("{EFFECT}.trip_voltage")).unwrap();
+    let with_level = |level: f64| {
+        let mut values = model.typical();
+        values[at] = level;
+        let mut own = fit(&events, &model, &values, &free, &options, &|| false).unwrap();
+        own.parameters[at] = level;
+        own
+    };
+    let (one, other) = (with_level(0.7), with_level(0.78));
+    let open = |[one, other]: [f64; 2]| one < 0.75 && other > 0.75;
+    let held = with_levels_of(&one, &other, open).expect("the level is open");
+    assert!((held.parameters[at] - 0.78).abs() < 1e-12 && !held.free.contains(&at));
+    assert_eq!(held.free.len() + 1, one.free.len());
+    assert!(with_levels_of(&one, &other, |_| false).is_none());
 }
 
 #[test]

@@ -41,7 +41,7 @@ impl ComposedModel {
         if !self.sees_the_measured_phasor(&acting) {
             return Ok(None);
         }
-        let grid = Grid::new(drive.terminal);
+        let grid = Grid::new(drive.terminal, drive.accuracy);
         let mut kept = Kept::new(true);
         let course = Course::Integrate(&mut kept);
         self.pass::<f64>(drive, &grid, |i| parameters[i], &acting, course)?;
@@ -149,11 +149,7 @@ mod tests {
     fn what_is_added_beside_a_known_motor_is_what_a_simulation_gives() {
         let input = a_dip(0.62, 0.1);
         let deviation = vec![-2e-3; input.output_count()];
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &deviation,
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &deviation, 0.3);
         let mut served = 0;
         for effect in catalogue() {
             let name = effect.declaration().name;

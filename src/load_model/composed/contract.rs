@@ -82,11 +82,8 @@ fn run(
     wanted: &[usize],
     input: &TerminalInput,
 ) -> Result<Response, SimulationError> {
-    let drive = Drive {
-        terminal: input,
-        frequency_deviation: &frequency(input),
-        reactive_at_rest: REACTIVE_AT_REST,
-    };
+    let frequency = frequency(input);
+    let drive = Drive::new(input, &frequency, REACTIVE_AT_REST);
     model.simulate(parameters, wanted, &drive)
 }
 
@@ -248,11 +245,7 @@ fn at_rest_p0_and_q0_hold_and_stay() {
     let flat = input(|_| [1.0, 0.0], &[]);
     for effect in catalogue() {
         let model = model_with(&[name(effect)]).unwrap();
-        let drive = Drive {
-            terminal: &flat,
-            frequency_deviation: &[],
-            reactive_at_rest: REACTIVE_AT_REST,
-        };
+        let drive = Drive::new(&flat, &[], REACTIVE_AT_REST);
         let mut parameters = model.typical();
         for p in model.parameters() {
             if let (Role::TwoSidedAmplitude { meaningful }, Some(i)) =

@@ -1,9 +1,12 @@
 //! Output instants and substeps of one input.
 
+use super::Accuracy;
 use crate::load_model::{TerminalInput, terminal::DENSE_POINTS};
 
-/// Accuracy of the Runge-Kutta steps: `rate * step <= this` (measured by a test of `composed`).
-const RATE_TIMES_STEP_MAX: f64 = 0.5;
+/// Fewest substeps per sample and longest of the Runge-Kutta steps, `rate * step <= this` (measured by a
+/// test of `composed`).
+const FULL: (usize, f64) = (2, 0.5);
+const ROUGH: (usize, f64) = (1, 1.5);
 /// Substeps per sample at most.
 const SUBSTEPS_MAX: usize = 256;
 
@@ -18,10 +21,11 @@ pub(super) struct Grid {
     pub(super) voltage: Vec<f64>,
     /// Whether the phasor jumps between an output instant and the next.
     pub(super) jump: Vec<bool>,
+    accuracy: Accuracy,
 }
 
 impl Grid {
-    pub(super) fn new(terminal: &TerminalInput) -> Self {
+    pub(super) fn new(terminal: &TerminalInput, accuracy: Accuracy) -> Self {
         let points = terminal.output_points();
         let fine_s = terminal.sample_interval_s / terminal.points_per_sample as f64;
         let phasor: Vec<[f64; 2]> = points
@@ -37,25 +41,23 @@ impl Grid {
                 .collect(),
             phasor,
             jump: points.iter().map(jumps).collect(),
+            accuracy,
         }
     }
 
     /// Substeps between a sample and the next, a power of two, and the output instants among them.
-    #[allow(
-        clippy::unused_self,
-        reason = "kept beside what else belongs to the grid"
-    )]
     pub(super) fn substeps(
         &self,
         terminal: &TerminalInput,
         sample: usize,
         rate_per_s: f64,
     ) -> (usize, usize) {
-        let mut substeps = 2;
+        let (mut substeps, longest) = match self.accuracy {
+            Accuracy::Full => FULL,
+            Accuracy::Rough => ROUGH,
+        };
         let interval_s = terminal.sample_interval_s;
-        while substeps < SUBSTEPS_MAX
-            && rate_per_s * interval_s / substeps as f64 > RATE_TIMES_STEP_MAX
-        {
+        while substeps < SUBSTEPS_MAX && rate_per_s * interval_s / substeps as f64 > longest {
             substeps *= 2;
         }
         if terminal.jumps[sample] {

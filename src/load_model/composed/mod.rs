@@ -58,6 +58,36 @@ pub struct Drive<'a> {
     pub frequency_deviation: &'a [f64],
     /// `Q0/P0`.
     pub reactive_at_rest: f64,
+    /// How exactly the states are integrated.
+    pub accuracy: Accuracy,
+}
+
+impl<'a> Drive<'a> {
+    /// With full accuracy.
+    #[must_use]
+    pub fn new(
+        terminal: &'a TerminalInput,
+        frequency_deviation: &'a [f64],
+        reactive_at_rest: f64,
+    ) -> Self {
+        Self {
+            terminal,
+            frequency_deviation,
+            reactive_at_rest,
+            accuracy: Accuracy::Full,
+        }
+    }
+}
+
+/// How exactly states are integrated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Accuracy {
+    /// To 1e-4 of P0 at worst (measured by a test).
+    #[default]
+    Full,
+    /// To 5e-3 of P0 at worst (near pull-out), about what measurements scatter: for searches far from the data,
+    /// whose end is fitted again in full.
+    Rough,
 }
 
 /// Power over P0 at the output instants of [`TerminalInput::output_points`], and its derivatives.
@@ -246,7 +276,7 @@ impl ComposedModel {
         drive: &Drive<'_>,
     ) -> Result<Response, SimulationError> {
         self.check(parameters, wanted, drive)?;
-        let grid = Grid::new(drive.terminal);
+        let grid = Grid::new(drive.terminal, drive.accuracy);
         let (present, acting) = (
             self.acting(parameters, &[]),
             self.acting(parameters, wanted),

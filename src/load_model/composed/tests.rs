@@ -2,7 +2,7 @@
 
 use nalgebra::Complex;
 
-use super::{ComposedModel, Drive, SimulationError, contract};
+use super::{Accuracy, ComposedModel, Drive, SimulationError, contract};
 use crate::load_model::{
     LinearCoefficients, MotorCoordinates, MotorOutput, Structure, TerminalInput,
 };
@@ -53,11 +53,7 @@ fn without_effects_it_agrees_with_the_plain_kernel() {
         for [alpha, nu, kappa] in motors {
             let mut parameters = model.typical();
             parameters[..3].copy_from_slice(&[alpha.ln(), nu.ln(), kappa]);
-            let drive = Drive {
-                terminal: &input,
-                frequency_deviation: &[],
-                reactive_at_rest: 0.25,
-            };
+            let drive = Drive::new(&input, &[], 0.25);
             let out = model.simulate(&parameters, &[], &drive).unwrap();
             let [active, reactive] = plain_kernel(&parameters, &input, 0.25);
             let p = largest_difference(&out.active, &active);
@@ -71,16 +67,44 @@ fn without_effects_it_agrees_with_the_plain_kernel() {
 }
 
 #[test]
+fn rough_steps_stay_within_what_measurements_tell_apart() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    // The last but one is as fast as searches go, the last near pull-out.
+    let motors = [
+        [35.0_f64, 1300.0_f64, 0.36],
+        [4.0, 60.0, 0.2],
+        [300.0, 9000.0, 0.3],
+        [20.0, 700.0, 0.9],
+    ];
+    for depth in [0.8, 0.5] {
+        let input = contract::a_dip(depth, -0.1);
+        for [alpha, nu, kappa] in motors {
+            let mut parameters = model.typical();
+            parameters[..3].copy_from_slice(&[alpha.ln(), nu.ln(), kappa]);
+            let full = Drive::new(&input, &[], 0.25);
+            let rough = Drive {
+                accuracy: Accuracy::Rough,
+                ..full
+            };
+            let [full, rough] =
+                [full, rough].map(|drive| model.simulate(&parameters, &[0], &drive).unwrap());
+            let difference = largest_difference(&full.active, &rough.active)
+                .max(largest_difference(&full.reactive, &rough.reactive));
+            assert!(
+                difference < 5e-3,
+                "alpha {alpha}, depth {depth}: {difference:e}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_motor_with_every_detail_neutral_is_the_plain_one() {
     let names = ["zip", "induction_motor", "stator_resistance"];
     let detailed = ComposedModel::new(&Structure::parse(&names).unwrap());
     let plain = ComposedModel::new(&Structure::zip_im());
     let input = contract::a_dip(0.5, -0.1);
-    let drive = Drive {
-        terminal: &input,
-        frequency_deviation: &[],
-        reactive_at_rest: 0.25,
-    };
+    let drive = Drive::new(&input, &[], 0.25);
     let mut parameters = detailed.neutral();
     // Next to nothing, so that the detailed equations are used.
     parameters[8] = 1e-9;
@@ -184,11 +208,7 @@ fn a_motor_with_stator_resistance_is_the_circuit_of_the_textbook() {
         0.03 * k,
         x,
     ];
-    let drive = Drive {
-        terminal: &input,
-        frequency_deviation: &[],
-        reactive_at_rest: -current.im,
-    };
+    let drive = Drive::new(&input, &[], -current.im);
     let out = model.simulate(&parameters, &[], &drive).unwrap();
 
     let fine_s = input.sample_interval_s / input.points_per_sample as f64;
@@ -218,11 +238,7 @@ fn a_motor_with_stator_resistance_is_the_circuit_of_the_textbook() {
 fn wrong_arguments_are_named() {
     let model = ComposedModel::new(&Structure::zip_im());
     let input = contract::a_dip(0.5, -0.1);
-    let drive = Drive {
-        terminal: &input,
-        frequency_deviation: &[0.0],
-        reactive_at_rest: 0.25,
-    };
+    let drive = Drive::new(&input, &[0.0], 0.25);
     let simulate = |p: &[f64], w: &[usize], d: &Drive<'_>| model.simulate(p, w, d).unwrap_err();
     let typical = model.typical();
     assert!(matches!(
@@ -254,11 +270,7 @@ fn the_order_and_choice_of_wanted_parameters_change_no_number() {
     let names = ["zip", "induction_motor", "second_motor"];
     let model = ComposedModel::new(&Structure::parse(&names).unwrap());
     let input = contract::a_dip(0.5, -0.1);
-    let drive = Drive {
-        terminal: &input,
-        frequency_deviation: &[],
-        reactive_at_rest: 0.25,
-    };
+    let drive = Drive::new(&input, &[], 0.25);
     let parameters = model.typical();
     let all: Vec<usize> = (0..parameters.len()).collect();
     let every = model.simulate(&parameters, &all, &drive).unwrap();

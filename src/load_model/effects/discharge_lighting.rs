@@ -150,11 +150,7 @@ mod tests {
         let model = ComposedModel::new(&Structure::zip_im().with("discharge_lighting").unwrap());
         let mut p = model.typical();
         p[8..].copy_from_slice(&[0.1, 0.8, 0.12, 1.0, 0.5]);
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
         let lost = |k: usize| without.active[k] - with.active[k];

@@ -253,11 +253,7 @@ mod tests {
         p[8..].copy_from_slice(&[
             0.2, 0.75, 0.02, 0.02, 0.1, 2.0, 0.25, 0.003, 0.004, 1.1, 0.01, 0.0, 0.0,
         ]);
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap().active;
         let without = model
             .simulate(&model.neutral(), &[], &drive)

@@ -115,11 +115,7 @@ mod tests {
         let mut p = model.neutral();
         p[8] = 1.0;
         p[10] = 1.2;
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
         for (k, t) in [(60, 1.0_f64), (120, 2.0), (240, 4.0)] {

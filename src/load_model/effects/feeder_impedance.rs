@@ -88,11 +88,7 @@ mod tests {
         let square = 1.0 + q0 * q0;
         let d_z = (q0 - x * square) / (1.0 - r * square);
         p[3..].copy_from_slice(&[0.0, 1.0, 0.0, d_z, 0.0, r, x]);
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: q0,
-        };
+        let drive = Drive::new(&input, &[], q0);
         let out = model.simulate(&p, &[], &drive).unwrap();
         let last = out.active.len() - 1;
         assert!((out.active[last] - 0.49).abs() < 1e-10);

@@ -176,11 +176,7 @@ mod tests {
                 }
             })
             .collect();
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &course,
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &course, 0.3);
         let out = model.simulate(&p, &[], &drive).unwrap();
         let last = out.active.len() - 1;
         // Five seconds after the step the rotor has all but settled.
@@ -210,11 +206,7 @@ mod tests {
         let mut p = model.typical();
         let last = p.len() - 2;
         let of = |p: &[f64], terminal| {
-            let drive = Drive {
-                terminal,
-                frequency_deviation: &course,
-                reactive_at_rest: 0.3,
-            };
+            let drive = Drive::new(terminal, &course, 0.3);
             model.simulate(p, &[], &drive).unwrap().active
         };
         p[last..].copy_from_slice(&[0.0, 1.0]);

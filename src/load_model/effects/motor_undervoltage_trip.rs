@@ -246,11 +246,7 @@ mod tests {
                 .index(&format!("motor_undervoltage_trip.{name}"))
                 .unwrap()] = *value;
         }
-        let drive = Drive {
-            terminal: input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(input, &[], 0.3);
         model.simulate(&p, &[], &drive).unwrap().active
     }
 

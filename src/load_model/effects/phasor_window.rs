@@ -104,11 +104,7 @@ mod tests {
     fn the_residual_begins_before_the_dip_and_nothing_else_moves() {
         let input = a_dip(0.6, 0.0);
         let model = ComposedModel::new(&Structure::zip_im().with("phasor_window").unwrap());
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&model.typical(), &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
         let apart = |k: usize| (with.active[k] - without.active[k]).abs();

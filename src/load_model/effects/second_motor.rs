@@ -182,11 +182,7 @@ mod tests {
         let one = ComposedModel::new(&structure);
         let both = ComposedModel::new(&structure.with("second_motor").unwrap());
         let input = a_dip(0.6, -0.1);
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let mut p = one.typical();
         let resistance = one.index("stator_resistance.resistance").unwrap();
         p[resistance] = 0.012;

@@ -128,11 +128,7 @@ mod tests {
         let model = ComposedModel::new(&Structure::zip_im().with("self_disconnection").unwrap());
         for (depth, lost) in [(0.6, 0.1), (0.8, 0.0)] {
             let input = a_dip(depth, 0.0);
-            let drive = Drive {
-                terminal: &input,
-                frequency_deviation: &[],
-                reactive_at_rest: 0.3,
-            };
+            let drive = Drive::new(&input, &[], 0.3);
             let with = model.simulate(&model.typical(), &[], &drive).unwrap();
             let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
             let last = with.active.len() - 1;

@@ -205,11 +205,7 @@ mod tests {
         p[8..].copy_from_slice(&[
             0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0, 0.92, 0.35, 0.7, 1.2, 0.25,
         ]);
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
         // Soon after: 0.1 (4.4 - 1) = 0.34 in P, 0.1 (4 - 0.25) = 0.375 in Q.

@@ -85,11 +85,7 @@ mod tests {
         let structure = Structure::zip_im().with("speed_dependent_torque").unwrap();
         let model = ComposedModel::new(&structure);
         let p = model.typical();
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let out = model.simulate(&p, &[], &drive).unwrap();
         let last = out.active[out.active.len() - 1];
         let expected = 1.0 + p[3] * (0.99_f64 * 0.99 - 1.0);

@@ -166,11 +166,7 @@ mod tests {
         // A constant impedance without motor shows the voltage squared.
         p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, 0.0, 0.0]);
         p[8..].copy_from_slice(&[0.006_25, 0.01, 1.0, 1.0]);
-        let drive = Drive {
-            terminal: &input,
-            frequency_deviation: &[],
-            reactive_at_rest: 0.3,
-        };
+        let drive = Drive::new(&input, &[], 0.3);
         let out = model.simulate(&p, &[], &drive).unwrap().active;
         // 1.4, 2, 2.9 and 5 s at 60 samples per second.
         for (k, ratio) in [(84, 1.0), (120, 1.006_25), (174, 1.0125), (300, 1.0125)] {
