@@ -38,8 +38,10 @@ pub enum Change {
 const ROUNDS_MAX: usize = 4;
 /// An effect is dropped when the criterion without it is at most this much worse.
 const SUPERFLUOUS_DELTA_BIC: f64 = 10.0;
-/// One gives way to another where the criterion is lower by this much.
+/// One gives way to another where the criterion is lower by this much ...
 const EXCHANGE_DELTA_BIC: f64 = 10.0;
+/// ... and by this share of the weighted squares that are left, which are not independent from sample to sample.
+const EXCHANGE_SHARE_OF_LEFT: f64 = 0.03;
 /// A step may raise the error on events not fitted by this share: the spread of composition alone
 /// moves it as much.
 const WORSE_MAX: f64 = 0.02;
@@ -283,7 +285,9 @@ impl<'a> Stairs<'a> {
         };
         let fit = refine(&case.judged, fit, new, options, cancel);
         case.watcher.check()?;
-        if fit.criterion() > self.at.all.criterion() - EXCHANGE_DELTA_BIC {
+        let left: f64 = self.at.all.squares.iter().sum();
+        let told = EXCHANGE_DELTA_BIC.max(EXCHANGE_SHARE_OF_LEFT * left);
+        if fit.criterion() > self.at.all.criterion() - told {
             return Ok(None);
         }
         let next = fewer.completed(&case.judged, fit, new, options, cancel)?;

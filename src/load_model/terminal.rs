@@ -65,8 +65,40 @@ impl TerminalInput {
         }
     }
 
+    /// The lowest magnitude of the phasor, which moves on a straight line from each grid point to the next.
+    #[must_use]
+    pub fn lowest_voltage(&self) -> f64 {
+        let points: Vec<[f64; 2]> = (0..self.real.len()).map(|i| self.point(i)).collect();
+        let lines = points.windows(2).map(|ends| {
+            let [from, to] = [ends[0], ends[1]];
+            let along = [to[0] - from[0], to[1] - from[1]];
+            let length = (along[0] * along[0] + along[1] * along[1]).max(f64::MIN_POSITIVE);
+            let share = -(from[0] * along[0] + from[1] * along[1]) / length;
+            let share = share.clamp(0.0, 1.0);
+            (from[0] + share * along[0]).hypot(from[1] + share * along[1])
+        });
+        lines.fold(f64::INFINITY, f64::min)
+    }
+
     /// The phasor at a fine grid point.
     pub(super) fn point(&self, index: usize) -> [f64; 2] {
         [self.real[index], self.imaginary[index]]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::load_model::composed::contract::a_dip;
+
+    #[test]
+    fn the_lowest_voltage_lies_on_the_way_of_a_turning_phasor_too() {
+        let dip = a_dip(0.8, 0.0);
+        assert!((dip.lowest_voltage() - 0.8).abs() < 1e-12);
+        let mut turned = dip;
+        // By 90 degrees from one point to the next: the chord passes at cos 45 degrees.
+        let last = turned.real.len() - 1;
+        (turned.real[last - 1], turned.imaginary[last - 1]) = (1.0, 0.0);
+        (turned.real[last], turned.imaginary[last]) = (0.0, 1.0);
+        assert!((turned.lowest_voltage() - 0.5_f64.sqrt()).abs() < 1e-12);
     }
 }

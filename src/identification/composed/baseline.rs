@@ -51,7 +51,7 @@ pub struct Baseline {
     pub structure: Structure,
     /// Fitted to all events.
     pub all: ComposedFit,
-    /// The mildest events, and the fit to them alone.
+    /// The mildest events, and the fit to them alone; none where that to all follows them.
     pub mild: Option<(Vec<PreparedEvent>, ComposedFit)>,
     /// An ordinary load, not fitted, its effects as in `all`: where what is missing bends a fit, its optimum
     /// may be farther from the truth. None where nothing seems to be missing.
@@ -222,7 +222,11 @@ impl Baseline {
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, StructureError> {
         let (mut mild, mut all) = (None, all);
-        if let Some((few, fit)) = &self.mild {
+        let bad = self
+            .mild
+            .as_ref()
+            .filter(|_| all.chi_square_per_row() > BAD_FIT);
+        if let Some((few, fit)) = bad {
             let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
             let own = ground.refit(&ground.screen(effect)?);
             let own = own.map(|fit| refine(few, fit, effect, options, cancel));

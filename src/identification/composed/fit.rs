@@ -14,7 +14,7 @@ use super::{
 use crate::{
     identification::intake::PreparedEvent,
     load_model::composed::ComposedModel,
-    numerics::{Objective, local_solver},
+    numerics::{LocalSolution, Objective, local_solver},
 };
 
 /// Settings of a composed fit.
@@ -323,13 +323,16 @@ impl<'a> Fitting<'a> {
             let local = &self.options.local;
             let mut found = solve(&self.x, if round == 1 { &first } else { local })?;
             let far = 2.0 * found.value > FAR * count as f64;
-            if round == 1 && !far && *local != first {
+            // Where steps of no length lead down, finer ones and the same covariances do not either.
+            let mut stuck = is_stuck(&found);
+            if round == 1 && !far && !stuck && *local != first {
                 found = solve(&found.x, local)?;
+                stuck = false;
             }
             self.x = found.x;
             self.lowest = problem.into_lowest();
-            let settled = far || before - found.value < self.options.settled_relative * found.value;
-            if settled {
+            let settled = before - found.value < self.options.settled_relative * found.value;
+            if far || stuck || settled {
                 break;
             }
             before = found.value;
@@ -344,6 +347,11 @@ impl<'a> Fitting<'a> {
         self.lowest = lowest;
         Some(fit)
     }
+}
+
+/// Whether steps were tried and none lowered the objective.
+fn is_stuck(found: &LocalSolution) -> bool {
+    found.cost.steps_accepted == 0 && found.cost.steps_rejected > 0
 }
 
 /// What stays the same in a fit.

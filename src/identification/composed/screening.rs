@@ -1,6 +1,8 @@
 //! Scores of an effect on a fitted model: what a linear extrapolation from its absence promises, over
 //! a grid of its shapes and around the best of them.
 
+use std::{cell::RefCell, collections::HashMap};
+
 use nalgebra::{DMatrix, DVector};
 
 use super::{
@@ -43,6 +45,14 @@ const WIDE_GAP: f64 = 0.06;
 const THRESHOLDS_MAX: usize = 16;
 /// A dip is at least this deep.
 const DIP: f64 = 0.97;
+/// Of the points of a large grid (without its thresholds) ...
+const LARGE_GRID: usize = 8;
+/// ... one in so many is tried with every threshold, ...
+const SPARSE: usize = 4;
+/// ... and all of them with so many of the thresholds, the best ones.
+const THRESHOLDS_KEPT: usize = 5;
+/// A dip whose lowest voltage is above a threshold by this does not reach what the model's relays smear of it, pu.
+const CLEAR_ABOVE_PU: f64 = 0.02;
 /// First steps of a pattern search around a grid point, in standard deviations of the prior and at most
 /// in shares of the range, and how often they are halved.
 const STEP_DEVIATIONS: f64 = 0.7;
@@ -72,12 +82,17 @@ pub(super) struct Step<'a> {
     pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
 }
 
+/// The place of an event among the rows, and the bits of all shapes but the threshold.
+type BesideThreshold = (usize, Vec<u64>);
+
 /// A step with what all candidates share.
 pub(super) struct Screening<'a> {
     step: &'a Step<'a>,
     base: &'a Base,
     /// What the motor does in every event while the effect is absent; none where that is of no use.
     motors: Vec<Option<MotorCourse>>,
+    /// Columns of events that stay above the threshold, which do not depend on where it lies.
+    above: RefCell<HashMap<BesideThreshold, DMatrix<f64>>>,
 }
 
 /// What of a score depends on the fitted model alone: of every event the derivative columns of what
@@ -249,31 +264,22 @@ impl Step<'_> {
         self.model.index(&format!("{own}.{name}"))
     }
 
-    /// The grid: the effect's own, with every threshold in `voltages`.
-    fn grid(&self, voltages: &[f64]) -> Vec<Vec<f64>> {
+    /// The effect's own grid.
+    fn grid(&self) -> Vec<Vec<f64>> {
         let neutral = self.neutral();
         let motor = MotorCoordinates {
             alpha_per_s: neutral[0].exp(),
             nu_per_s2: neutral[1].exp(),
             kappa: neutral[2],
         };
-        let own = self.effect.nuisance_grid(&motor);
+        self.effect.nuisance_grid(&motor)
+    }
+
+    /// Which of the effect's shapes is its threshold.
+    fn threshold_place(&self) -> Option<usize> {
+        let index = self.threshold()?;
         let shapes = self.own(|p| p.role == Role::Shape);
-        let place = (self.threshold()).and_then(|index| shapes.iter().position(|i| *i == index));
-        let Some(place) = place.filter(|_| !voltages.is_empty()) else {
-            return own;
-        };
-        let mut points: Vec<Vec<f64>> = Vec::new();
-        for point in own {
-            for voltage in voltages {
-                let mut at = point.clone();
-                at[place] = *voltage;
-                if !points.contains(&at) {
-                    points.push(at);
-                }
-            }
-        }
-        points
+        shapes.iter().position(|i| *i == index)
     }
 
     /// The origin's parameters with the effect absent and of these shapes.
@@ -321,25 +327,58 @@ impl<'a> Screening<'a> {
             step,
             base,
             motors: step.rows.iter().map(of).collect(),
+            above: RefCell::default(),
         }
     }
 
-    /// Candidates over the grid, best first.
+    /// Candidates over the grid, with thresholds in `voltages`, best first.
     pub(super) fn screen(&self, voltages: &[f64]) -> Vec<Candidate> {
-        let sizes = self.step.effect.screened_at();
-        let sizes: Vec<Option<f64>> = if sizes.is_empty() {
-            vec![None]
-        } else {
-            sizes.iter().copied().map(Some).collect()
-        };
         let mut found: Vec<Candidate> = Vec::new();
-        for at in self.step.grid(voltages) {
-            for size in &sizes {
-                found.extend(self.candidate(at.clone(), *size));
+        let own = self.step.grid();
+        let Some(place) = (self.step.threshold_place()).filter(|_| !voltages.is_empty()) else {
+            found.extend(own.into_iter().flat_map(|at| self.candidates(at)));
+            found.sort_by(|a, b| a.left.total_cmp(&b.left));
+            return found;
+        };
+        // The points of the grid differ in all but the threshold.
+        let mut points: Vec<Vec<f64>> = Vec::new();
+        for mut point in own {
+            point[place] = voltages[0];
+            if !points.contains(&point) {
+                points.push(point);
             }
+        }
+        let last = points.len() - 1;
+        let sparse = if points.len() < LARGE_GRID { 1 } else { SPARSE };
+        let (first, later): (Vec<_>, Vec<_>) = (points.into_iter().enumerate())
+            .partition(|(number, _)| (last - number).is_multiple_of(sparse));
+        let mut ranked: Vec<(f64, f64)> = Vec::with_capacity(voltages.len());
+        for voltage in voltages {
+            let begun = found.len();
+            found.extend(
+                (first.iter()).flat_map(|(_, at)| self.candidates(with(at, place, *voltage))),
+            );
+            let left = found[begun..].iter().map(|c| c.left);
+            ranked.push((left.fold(f64::INFINITY, f64::min), *voltage));
+        }
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, voltage) in ranked.into_iter().take(THRESHOLDS_KEPT) {
+            found.extend(
+                (later.iter()).flat_map(|(_, at)| self.candidates(with(at, place, voltage))),
+            );
         }
         found.sort_by(|a, b| a.left.total_cmp(&b.left));
         found
+    }
+
+    /// The candidates at one point, of every size at which the effect is looked at.
+    fn candidates(&self, at: Vec<f64>) -> Vec<Candidate> {
+        let sizes = self.step.effect.screened_at();
+        if sizes.is_empty() {
+            return self.candidate(at, None).into_iter().collect();
+        }
+        let of = |size: &f64| self.candidate(at.clone(), Some(*size));
+        sizes.iter().filter_map(of).collect()
     }
 
     /// Moves one shape after the other while less is left: a pattern search over the linear score,
@@ -381,9 +420,8 @@ impl<'a> Screening<'a> {
         let before = self.step.free_before().len();
         let count = amplitudes.len();
         let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
-        let events = self.step.rows.iter().zip(&self.base.events);
-        for ((event, base), motor) in events.zip(&self.motors) {
-            let added = self.added(event, at, &amplitudes, size, base, motor.as_ref())?;
+        for (number, base) in self.base.events.iter().enumerate() {
+            let added = self.added(number, at, &shapes, size)?;
             let mut rows = DMatrix::zeros(base.residual.len(), before + count + 1);
             rows.columns_mut(0, before).copy_from(&base.columns);
             rows.columns_mut(before, count).copy_from(&added);
@@ -431,18 +469,45 @@ impl<'a> Screening<'a> {
         })
     }
 
-    /// The columns of the amplitudes: derivatives, or for the first what it does at a size, per unit of it.
+    /// The columns of the amplitudes in an event, from memory where it stays above the threshold.
     fn added(
         &self,
-        event: &EventRows<'_>,
+        number: usize,
         at: &[f64],
-        amplitudes: &[usize],
+        shapes: &[f64],
         size: Option<f64>,
-        base: &BaseOfEvent,
-        motor: Option<&MotorCourse>,
     ) -> Option<DMatrix<f64>> {
+        let place = self.step.threshold_place().filter(|place| {
+            // Where the load sees another phasor than the measured one its lowest voltage is not known.
+            let sees_measured = self.motors[number].is_some();
+            sees_measured
+                && self.step.rows[number].lowest_voltage_pu() > shapes[*place] + CLEAR_ABOVE_PU
+        });
+        let Some(place) = place else {
+            return self.columns(number, at, size);
+        };
+        let others = shapes.iter().enumerate().filter(|(i, _)| *i != place);
+        let key: Vec<u64> = (others.map(|(_, value)| *value))
+            .chain(size)
+            .map(f64::to_bits)
+            .collect();
+        if let Some(known) = self.above.borrow().get(&(number, key.clone())) {
+            return Some(known.clone());
+        }
+        let columns = self.columns(number, at, size)?;
+        self.above
+            .borrow_mut()
+            .insert((number, key), columns.clone());
+        Some(columns)
+    }
+
+    /// The columns of the amplitudes: derivatives, or for the first what it does at a size, per unit of it.
+    fn columns(&self, number: usize, at: &[f64], size: Option<f64>) -> Option<DMatrix<f64>> {
+        let amplitudes = self.step.own(Parameter::is_amplitude);
+        let (event, base) = (&self.step.rows[number], &self.base.events[number]);
+        let motor = self.motors[number].as_ref();
         let (Some(size), Some((&first, others))) = (size, amplitudes.split_first()) else {
-            return event.added(self.step.model, at, amplitudes, motor).ok();
+            return event.added(self.step.model, at, &amplitudes, motor).ok();
         };
         let added = event.added(self.step.model, at, others, motor).ok()?;
         let mut with = at.to_vec();
@@ -452,6 +517,13 @@ impl<'a> Screening<'a> {
         added.set_column(0, &((&base.residual - residual) / size));
         Some(added)
     }
+}
+
+/// A point with another value in one place.
+fn with(point: &[f64], place: usize, value: f64) -> Vec<f64> {
+    let mut point = point.to_vec();
+    point[place] = value;
+    point
 }
 
 /// A shape a step further, within its bounds.

@@ -422,6 +422,32 @@ fn at_every_bound_there_is_a_finite_response_or_a_reason() {
 }
 
 #[test]
+fn where_a_threshold_lies_below_a_dip_changes_nothing() {
+    let input = a_dip(0.8, -0.1);
+    let mut seen = 0;
+    for effect in catalogue() {
+        let Some(threshold) = effect.threshold() else {
+            continue;
+        };
+        let model = model_with(&[name(effect)]).unwrap();
+        let index = model.index(&format!("{}.{threshold}", name(effect)));
+        let index = index.unwrap();
+        let amplitudes: Vec<usize> = (super::BASE_PARAMETERS..model.parameters().len())
+            .filter(|i| model.parameters()[*i].declaration.is_amplitude())
+            .collect();
+        let at = |pu: f64| {
+            let mut parameters = model.typical();
+            parameters[index] = pu;
+            run(&model, &parameters, &amplitudes, &input).unwrap()
+        };
+        let lower = model.parameters()[index].declaration.lower;
+        assert_eq!(at(lower), at(0.778), "{}", name(effect));
+        seen += 1;
+    }
+    assert!(seen >= 6, "{seen}");
+}
+
+#[test]
 fn any_two_effects_compose() {
     let input = a_dip(0.6, -0.1);
     for (i, one) in catalogue().iter().enumerate() {

@@ -38,9 +38,27 @@ fn largest_difference(x: &[f64], y: &[f64]) -> f64 {
     pairs.map(|(x, y)| (x - y).abs()).fold(0.0, f64::max)
 }
 
+/// Runs `difference` on dips of two depths for each motor (alpha, nu, kappa) and asserts that what it returns stays
+/// below `limit`.
+fn over_dips_and_motors(
+    motors: [[f64; 3]; 4],
+    limit: f64,
+    difference: impl Fn(&ComposedModel, &[f64], &TerminalInput) -> f64,
+) {
+    let model = ComposedModel::new(&Structure::zip_im());
+    for depth in [0.8, 0.5] {
+        let input = contract::a_dip(depth, -0.1);
+        for [alpha, nu, kappa] in motors {
+            let mut parameters = model.typical();
+            parameters[..3].copy_from_slice(&[alpha.ln(), nu.ln(), kappa]);
+            let found = difference(&model, &parameters, &input);
+            assert!(found < limit, "alpha {alpha}, depth {depth}: {found:e}");
+        }
+    }
+}
+
 #[test]
 fn without_effects_it_agrees_with_the_plain_kernel() {
-    let model = ComposedModel::new(&Structure::zip_im());
     // An ordinary motor, a light and fast one, a heavy and slow one, one close to pull-out.
     let motors = [
         [35.0_f64, 1300.0_f64, 0.36],
@@ -48,27 +66,16 @@ fn without_effects_it_agrees_with_the_plain_kernel() {
         [4.0, 60.0, 0.2],
         [20.0, 700.0, 0.9],
     ];
-    for depth in [0.8, 0.5] {
-        let input = contract::a_dip(depth, -0.1);
-        for [alpha, nu, kappa] in motors {
-            let mut parameters = model.typical();
-            parameters[..3].copy_from_slice(&[alpha.ln(), nu.ln(), kappa]);
-            let drive = Drive::new(&input, &[], 0.25);
-            let out = model.simulate(&parameters, &[], &drive).unwrap();
-            let [active, reactive] = plain_kernel(&parameters, &input, 0.25);
-            let p = largest_difference(&out.active, &active);
-            let q = largest_difference(&out.reactive, &reactive);
-            assert!(
-                p < 1e-4 && q < 1e-4,
-                "alpha {alpha}, depth {depth}: {p:e} {q:e}"
-            );
-        }
-    }
+    over_dips_and_motors(motors, 1e-4, |model, parameters, input| {
+        let drive = Drive::new(input, &[], 0.25);
+        let out = model.simulate(parameters, &[], &drive).unwrap();
+        let [active, reactive] = plain_kernel(parameters, input, 0.25);
+        largest_difference(&out.active, &active).max(largest_difference(&out.reactive, &reactive))
+    });
 }
 
 #[test]
 fn rough_steps_stay_within_what_measurements_tell_apart() {
-    let model = ComposedModel::new(&Structure::zip_im());
     // The last but one is as fast as searches go, the last near pull-out.
     let motors = [
         [35.0_f64, 1300.0_f64, 0.36],
@@ -76,26 +83,17 @@ fn rough_steps_stay_within_what_measurements_tell_apart() {
         [300.0, 9000.0, 0.3],
         [20.0, 700.0, 0.9],
     ];
-    for depth in [0.8, 0.5] {
-        let input = contract::a_dip(depth, -0.1);
-        for [alpha, nu, kappa] in motors {
-            let mut parameters = model.typical();
-            parameters[..3].copy_from_slice(&[alpha.ln(), nu.ln(), kappa]);
-            let full = Drive::new(&input, &[], 0.25);
-            let rough = Drive {
-                accuracy: Accuracy::Rough,
-                ..full
-            };
-            let [full, rough] =
-                [full, rough].map(|drive| model.simulate(&parameters, &[0], &drive).unwrap());
-            let difference = largest_difference(&full.active, &rough.active)
-                .max(largest_difference(&full.reactive, &rough.reactive));
-            assert!(
-                difference < 5e-3,
-                "alpha {alpha}, depth {depth}: {difference:e}"
-            );
-        }
-    }
+    over_dips_and_motors(motors, 5e-3, |model, parameters, input| {
+        let full = Drive::new(input, &[], 0.25);
+        let rough = Drive {
+            accuracy: Accuracy::Rough,
+            ..full
+        };
+        let [full, rough] =
+            [full, rough].map(|drive| model.simulate(parameters, &[0], &drive).unwrap());
+        largest_difference(&full.active, &rough.active)
+            .max(largest_difference(&full.reactive, &rough.reactive))
+    });
 }
 
 #[test]
