@@ -197,8 +197,11 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
         return Vec::new();
     };
     let near = |i: &usize| {
-        let gain = -list[*i].0.delta_bic;
-        let left = options.rival_share_of_left * list[*i].0.squares_after;
+        let evidence = &list[*i].0;
+        let gain = -evidence.delta_bic;
+        let above = (1.0 - options.floor / evidence.chi_square_after).max(0.0);
+        let told = options.rival_share_of_left + options.rival_share_of_excess * above;
+        let left = told * evidence.squares_after;
         options
             .delta_bic_near
             .max(left.min(options.rival_share * gain))
@@ -360,6 +363,20 @@ mod tests {
             (evidence(-0.999e6, 3.0, true), true),
         ];
         assert_eq!(answer_set(&huge, &options), [0]);
+        // What is left above the floor is no noise by which a rival could be told.
+        let rivals = |after: f64| {
+            let one = Evidence {
+                squares_after: 12_000.0 * after,
+                ..evidence(-10_000.0, after, true)
+            };
+            let other = Evidence {
+                delta_bic: -9550.0,
+                ..one.clone()
+            };
+            [(one, true), (other, true)]
+        };
+        assert_eq!(answer_set(&rivals(1.0), &options), [0, 1]);
+        assert_eq!(answer_set(&rivals(0.7), &options), [0]);
         assert!(answer_set(&list[1..2], &options).is_empty());
     }
 

@@ -57,6 +57,8 @@ pub struct ClaimOptions {
     pub rival_share: f64,
     /// ... and at most this share of the weighted squares that the best leaves ...
     pub rival_share_of_left: f64,
+    /// ... with this share of what of it is above the floor: no noise, but what the best does otherwise than the load, ...
+    pub rival_share_of_excess: f64,
     /// ... or by at most so much, whatever the two say.
     pub delta_bic_near: f64,
     /// A rival is left out whose held-out events leave more than this many times what those of the best
@@ -86,6 +88,7 @@ impl Default for ClaimOptions {
             silent_left_share: 0.2,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
+            rival_share_of_excess: 0.25,
             delta_bic_near: 10.0,
             rival_held_out_factor: 4.0,
             floor: 0.7,

@@ -237,9 +237,14 @@ fn pre_event(window: &Window, view: &View, options: &ScreeningOptions, screening
     }
 }
 
+/// A change of the voltage stands out of its noise by this many deviations: the largest of some thousand samples of
+/// nothing but noise is at four.
+const VOLTAGE_NOISES: f64 = 6.0;
+
 fn depth(view: &View, options: &ScreeningOptions, screening: &mut Screening) {
     let change_pu = view.largest_voltage_change() * view.before_voltage_pu;
-    let required_pu = options.voltage_change_min_pu;
+    let noise_pu = noise(&view.before_voltages_pu);
+    let required_pu = (options.voltage_change_min_pu).max(VOLTAGE_NOISES * noise_pu);
     if change_pu < required_pu {
         screening.refusals.push(ScreeningReason::TooShallow {
             change_pu,

@@ -114,11 +114,11 @@ pub fn with_levels_of(
     (held.free.len() < fit.free.len()).then_some(held)
 }
 
-/// Whether a parameter is a voltage or a delay of an effect that has a threshold.
+/// Whether a parameter is a voltage or a delay of an effect that has a threshold, or that goes in steps.
 fn is_setting(parameter: &ModelParameter) -> bool {
     let declared = &parameter.declaration;
     let relay = parameter.effect.and_then(effects::find);
     declared.role == Role::Shape
         && (declared.reference == Reference::Voltage || declared.unit == "s")
-        && relay.is_some_and(|effect| effect.threshold().is_some())
+        && relay.is_some_and(|e| e.threshold().is_some() || !e.screened_at().is_empty())
 }

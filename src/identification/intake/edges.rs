@@ -57,8 +57,10 @@ const AFTER_SHARE: f64 = 0.25;
 /// An event is taken as unfiltered only if one of its jumps is at least this large.
 const JUMP_CLEAR: f64 = 0.05;
 
-/// A steep step this many samples after a jump is the motion that follows it.
+/// A steep step this many samples after a jump is the motion that follows it, ...
 const MOTION_AFTER_JUMP: usize = 6;
+/// ... unless it is larger than this share of the jump: then it is one itself.
+const MOTION_SHARE: f64 = 0.4;
 
 /// Standard deviation of an instant that may lie anywhere between two samples.
 const HALF_INTERVAL_DEVIATION: f64 = 0.29;
@@ -78,10 +80,11 @@ pub(super) fn unfiltered_jumps(phasor: &[Log], at_edge: &[bool]) -> Option<Vec<E
                 deviation: HALF_INTERVAL_DEVIATION,
                 mismatch: 0.0,
             });
-        } else if list
-            .last()
-            .is_none_or(|jump| k > jump.left + MOTION_AFTER_JUMP)
-        {
+        } else if list.last().is_none_or(|jump| {
+            let size = distance(phasor[jump.left], phasor[jump.right]);
+            let large = distance(phasor[k], phasor[k + 1]) > MOTION_SHARE * size;
+            large || k > jump.left + MOTION_AFTER_JUMP
+        }) {
             return None;
         }
     }

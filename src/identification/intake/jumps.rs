@@ -26,6 +26,13 @@ const CONVINCING: f64 = 15.0;
 /// Of the change from before the filter's window to after it at least this share is the jump itself;
 /// less is a ramp.
 const HEIGHT_SHARE: f64 = 0.5;
+/// Where the filter's window is shorter than this many samples one or two of them hold all that tells a jump from a
+/// bend, and what lies on either side may bend at will: a jump is then preferred to be this share of the change ...
+const SHORT_WINDOW: f64 = 1.5;
+const HEIGHT_EXPECTED: f64 = 0.9;
+/// ... with this standard deviation, where the change is at least this large.
+const HEIGHT_DEVIATION: f64 = 0.15;
+const LARGE: f64 = 0.05;
 /// A steep step close to a larger one that is smaller by this factor is the motion that follows it.
 const MOTION_SHARE: f64 = 0.4;
 /// Time within which that holds, seconds.
@@ -322,7 +329,18 @@ fn objective_at(
 ) -> f64 {
     let mut moved = jumps.to_vec();
     moved[index].position = position;
-    Voltage::fit(measured, range, &moved, start).map_or(f64::INFINITY, |fit| fit.objective)
+    Voltage::fit(measured, range, &moved, start).map_or(f64::INFINITY, |fit| {
+        fit.objective + bent(measured, &fit, index, moved[index].size)
+    })
+}
+
+/// What speaks against a jump that leaves most of the change to what lies on either side of it.
+fn bent(measured: &Measured, fit: &Voltage, index: usize, size: f64) -> f64 {
+    if 2.0 * measured.half_width > SHORT_WINDOW || size < LARGE {
+        return 0.0;
+    }
+    let missing = (HEIGHT_EXPECTED - fit.height(index) / size).max(0.0);
+    (missing / HEIGHT_DEVIATION).powi(2)
 }
 
 /// The instant of one jump with the others as they are: coarse scan, then golden section.
@@ -389,7 +407,7 @@ fn deviation(
     }
     let at = |t: f64| objective_at(measured, range, jumps, (index, t), Some(fit));
     let t = jumps[index].position;
-    let curvature = (at(t - APART) - 2.0 * fit.objective + at(t + APART)) / (APART * APART);
+    let curvature = (at(t - APART) - 2.0 * at(t) + at(t + APART)) / (APART * APART);
     if curvature > 0.0 {
         (2.0 / curvature).sqrt().min(UNKNOWN)
     } else {
@@ -489,6 +507,17 @@ mod tests {
                     assert!(late_s.abs() < 5e-4, "{rate} frames/s: {late_s} s");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn both_jumps_of_a_dip_of_three_samples_are_found() {
+        let instants = (0.906_1, 0.990_7);
+        let found = found(30.0, PhasorFilter::PClass, instants, &[]);
+        assert_eq!(found.jumps.len(), 2);
+        for ((jump, _), instant) in found.jumps.iter().zip([instants.0, instants.1]) {
+            let late = jump.position - 30.0 * instant;
+            assert!(late.abs() < 0.4, "{late} samples");
         }
     }
 

@@ -455,9 +455,12 @@ fn check_disturbance(measured: &Measured, options: &IntakeOptions) -> Result<(),
     }
 }
 
+/// No load of a site is larger than this, whatever its base; a number that is, is none.
+const ACTIVE_MAX_PU: f64 = 1e9;
+
 fn check_load(active_pu: f64, relative_noise: f64) -> Result<(), Unusable> {
     let noise_pu = (relative_noise * active_pu).abs();
-    if active_pu.is_finite() && active_pu > 0.0 && relative_noise.abs() < 0.2 {
+    if active_pu > 0.0 && active_pu < ACTIVE_MAX_PU && relative_noise.abs() < 0.2 {
         Ok(())
     } else {
         Err(Unusable::NoLoad {

@@ -89,7 +89,7 @@ impl Declared for TapChanger {
         let mut points = Vec::new();
         for half_band in [0.006, 0.01, 0.016] {
             for delay_s in [1.5_f64, 3.0, 8.0, 30.0] {
-                for share in [0.4, 1.0] {
+                for share in [0.4, 1.0, 1.5] {
                     points.push(vec![half_band, delay_s, (share * delay_s).min(8.0)]);
                 }
             }
