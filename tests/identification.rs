@@ -277,6 +277,21 @@ fn a_fit_with_every_unknown_on_a_bound_is_reported_and_determines_nothing() {
 }
 
 #[test]
+fn events_that_nothing_describes_and_those_that_any_motor_describes_are_not_searched_for_long() {
+    let (site, windows) = bundled_windows("demo");
+    let found = run(&site, &windows).unwrap();
+    let notes = &found.set.notes;
+    assert!(notes.iter().any(|n| n.contains("describes")), "{notes:?}");
+    // Four in five of them are those of one scan of 9408 cells.
+    assert!(found.cost.simulations < 120_000, "{:?}", found.cost);
+    // Constant power, exactly: the least share of any motor that hardly moves leaves next to nothing.
+    let shallow = |k: usize| 1.0 - 0.2 * (1.0 - dip(k));
+    let constant = record(600, |k| sample(k, shallow(k), 0.9, 0.3));
+    let found = run(&site, &[constant]).unwrap();
+    assert!(found.cost.simulations < 10_000, "{:?}", found.cost);
+}
+
+#[test]
 fn a_load_without_reactive_power_is_fitted() {
     let window = record(600, |k| sample(k, dip(k), dip(k) * dip(k), 0.0));
     // Without noise and without a motor every motor of the least share fits: the search would use up

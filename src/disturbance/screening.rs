@@ -159,6 +159,7 @@ struct View {
     /// Voltages before the onset, pu.
     before_voltages_pu: Vec<f64>,
     before_voltage_pu: f64,
+    voltage_noise_pu: f64,
     before_active_pu: f64,
     active_noise_pu: f64,
     /// 2nd and 98th percentile of the active power, pu.
@@ -190,6 +191,7 @@ impl View {
         let all: Vec<f64> = first.iter().chain(&after).map(|p| p.active_pu).collect();
         Some(Self {
             before_voltage_pu: percentile(&voltages, 0.5)?,
+            voltage_noise_pu: noise_of_samples(&samples[..onset]),
             before_active_pu: percentile(&actives, 0.5)?,
             active_noise_pu: noise(&actives),
             active_range_pu: (percentile(&all, 0.02)?, percentile(&all, 0.98)?),
@@ -237,14 +239,14 @@ fn pre_event(window: &Window, view: &View, options: &ScreeningOptions, screening
     }
 }
 
-/// A change of the voltage stands out of its noise by this many deviations: the largest of some thousand samples of
-/// nothing but noise is at four.
-const VOLTAGE_NOISES: f64 = 6.0;
+/// A change of the voltage, a median over three, stands out of its noise by this many deviations of a sample: the
+/// largest median among some thousand samples of nothing but noise is at three.
+const VOLTAGE_NOISES: f64 = 4.0;
 
 fn depth(view: &View, options: &ScreeningOptions, screening: &mut Screening) {
     let change_pu = view.largest_voltage_change() * view.before_voltage_pu;
-    let noise_pu = noise(&view.before_voltages_pu);
-    let required_pu = (options.voltage_change_min_pu).max(VOLTAGE_NOISES * noise_pu);
+    let above_noise_pu = VOLTAGE_NOISES * view.voltage_noise_pu;
+    let required_pu = options.voltage_change_min_pu.max(above_noise_pu);
     if change_pu < required_pu {
         screening.refusals.push(ScreeningReason::TooShallow {
             change_pu,
@@ -421,6 +423,19 @@ fn percentile(values: &[f64], share: f64) -> Option<f64> {
 fn noise(values: &[f64]) -> f64 {
     let differences: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
     percentile(&differences, 0.5).unwrap_or(0.0)
+}
+
+/// Standard deviation of the noise of single samples of the voltage, from its second differences, in which swings
+/// hardly show; 0 where there are too few.
+fn noise_of_samples(samples: &[Sample]) -> f64 {
+    /// Median of the size of a second difference of white noise with unit deviation: 0.6745 sqrt 6.
+    const MEDIAN: f64 = 1.652;
+    let usable = samples.iter().filter(|s| s.usable());
+    let voltages: Vec<f64> = usable.map(|s| s.voltage_pu).collect();
+    let second = voltages
+        .windows(3)
+        .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs());
+    percentile(&second.collect::<Vec<f64>>(), 0.5).unwrap_or(0.0) / MEDIAN
 }
 
 #[cfg(test)]

@@ -13,7 +13,9 @@ use super::{
 use crate::{
     load_model::LinearCoefficients,
     numerics::{
-        Bounds, LocalSolution, Objective, grid_scan, local_solver,
+        Bounds, LocalSolution, Objective,
+        grid_scan::{self, GridScan},
+        local_solver,
         trust_tech::{
             self, ConstrainedProblem, DirectionOutcome, Ended, FoundSolution, Search, Starts,
         },
@@ -37,7 +39,9 @@ const PHYSICAL_START: [f64; OUTER] = [3.4, 7.0, 0.4];
 const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
 /// A best solution that leaves more than this (weighted squares per row) describes nothing: the objective is
 /// then made of the model's own oscillations, in valleys that the tiers step over.
-const DESCRIBES_PER_ROW: f64 = 100.0;
+pub(super) const DESCRIBES_PER_ROW: f64 = 100.0;
+/// A motor whose objective is at most this cannot be told from one that leaves nothing: two standard deviations.
+const AS_GOOD_AS_NOTHING_LEFT: f64 = 2.0;
 /// Cells of the scans where nothing describes the events, and starts from each: of the box, ...
 const UNDESCRIBED_BOX: ([usize; OUTER], usize) = ([28, 28, 12], 64);
 /// ... of its face of least alpha, ...
@@ -80,12 +84,9 @@ pub(super) fn reduced(
     let rough = Simulated::roughly(problem);
     let for_scan = Simulated::for_scan(problem);
     let exact = Simulated::exactly(problem);
-    let first = scan_starts(
-        &for_scan,
-        &bounds,
-        (options.start_cells, options.starts_max),
-        cancel,
-    );
+    let grid = grid_scan::scan(&for_scan, &bounds, &options.start_cells, cancel);
+    let first = lowest(&grid, options.starts_max);
+    let options = &where_motors_differ(options, problem.events(), &grid);
     let second = |found: &[FoundSolution]| more_starts(problem, &for_scan, options, found, cancel);
     let found = trust_tech::search(
         &rough,
@@ -99,7 +100,7 @@ pub(super) fn reduced(
         &roughly(&options.trust_tech),
         cancel,
     );
-    let worth = worth_exploring_below(&found.solutions, options.trust_tech.explore_within);
+    let worth = worth_exploring_below(&found.solutions, &options.trust_tech);
     let found = made_exact(&exact, found, worth, &same, &options.trust_tech, cancel);
     let solution = |found: &FoundSolution| {
         let is_worth = found.local.value <= worth;
@@ -119,6 +120,26 @@ pub(super) fn reduced(
     }
 }
 
+/// The options for these events. Several events that nothing describes have a hundred poor solutions, and no user of
+/// any but the best; neither has a recording that almost any motor describes.
+fn where_motors_differ(
+    options: &SearchOptions,
+    events: &[PreparedEvent],
+    grid: &GridScan,
+) -> SearchOptions {
+    let mut options = *options;
+    let exploring = &mut options.trust_tech;
+    if events.len() > 1 {
+        let rows: usize = events.iter().map(PreparedEvent::rows).sum();
+        exploring.describes_below = 0.5 * DESCRIBES_PER_ROW * rows as f64;
+    }
+    let as_good = |&index: &usize| grid.value(index) <= AS_GOOD_AS_NOTHING_LEFT;
+    if 2 * (0..grid.len()).filter(as_good).count() >= grid.len() {
+        exploring.describes_below = f64::NEG_INFINITY;
+    }
+    options
+}
+
 /// More starts for what was found: from a finer scan where solutions compete or nothing describes the events, and
 /// from one of the face of least alpha where a solution that is worth exploring lies on it.
 fn more_starts(
@@ -129,7 +150,7 @@ fn more_starts(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Vec<DVector<f64>> {
     let bounds = outer_bounds();
-    let worth = worth_exploring_below(found, options.trust_tech.explore_within);
+    let worth = worth_exploring_below(found, &options.trust_tech);
     let worth: Vec<_> = (found.iter().filter(|f| f.local.value <= worth)).collect();
     let least = (found.iter().map(|f| f.local.value)).fold(f64::INFINITY, f64::min);
     let rows: usize = problem.events().iter().map(PreparedEvent::rows).sum();
@@ -335,9 +356,9 @@ fn paper_starts(
     starts.iter().filter_map(start).collect()
 }
 
-fn worth_exploring_below(found: &[FoundSolution], within: f64) -> f64 {
+fn worth_exploring_below(found: &[FoundSolution], options: &trust_tech::Options) -> f64 {
     let values = found.iter().map(|f| f.local.value);
-    within * values.fold(f64::INFINITY, f64::min)
+    options.worth_exploring_below(values.fold(f64::INFINITY, f64::min))
 }
 
 /// The lowest cells of a scan that no neighbour undercuts; the physical start where none is
@@ -348,7 +369,10 @@ fn scan_starts(
     (cells, at_most): ([usize; OUTER], usize),
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Vec<DVector<f64>> {
-    let grid = grid_scan::scan(problem, bounds, &cells, cancel);
+    lowest(&grid_scan::scan(problem, bounds, &cells, cancel), at_most)
+}
+
+fn lowest(grid: &GridScan, at_most: usize) -> Vec<DVector<f64>> {
     let minima = grid.minima().into_iter().take(at_most);
     let mut starts: Vec<_> = minima.map(|index| grid.point(index)).collect();
     if starts.is_empty() {

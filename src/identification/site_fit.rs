@@ -11,6 +11,7 @@ use super::{
     joint_problem::ProblemOptions,
     precision::Precision,
     robust::{RobustLoss, SampleWeights, sample_weights},
+    search::DESCRIBES_PER_ROW,
     turns::Turns,
 };
 use crate::{disturbance::Window, load_model::Structure};
@@ -60,6 +61,18 @@ impl FittedSite {
     pub(super) fn precision(&self, best: &FitSolution) -> Precision {
         let chi_square = reduced_chi_square(best, &self.weighted);
         Precision::calibrated(best, &self.weighted, &self.problem, chi_square)
+    }
+
+    /// That nothing but the best solution was explored, where that leaves many times the noise.
+    pub(super) fn undescribed_note(&self) -> Option<String> {
+        let best = self.found.solutions.first()?;
+        let rows: usize = self.weighted.iter().map(PreparedEvent::rows).sum();
+        let per_row = 2.0 * best.point.objective / rows as f64;
+        let undescribed = self.weighted.len() > 1 && per_row > DESCRIBES_PER_ROW;
+        (undescribed && self.composed.is_none()).then(|| {
+            let deviations = per_row.sqrt();
+            format!("no solution describes these events (the best leaves {deviations:.0} times the noise per sample): only the best was explored")
+        })
     }
 
     /// How many samples a robust fit all but set aside; none for an ordinary fit.

@@ -68,9 +68,8 @@ impl TerminalInput {
     /// The lowest magnitude of the phasor, which moves on a straight line from each grid point to the next.
     #[must_use]
     pub fn lowest_voltage(&self) -> f64 {
-        let points: Vec<[f64; 2]> = (0..self.real.len()).map(|i| self.point(i)).collect();
-        let lines = points.windows(2).map(|ends| {
-            let [from, to] = [ends[0], ends[1]];
+        let lines = (1..self.real.len()).map(|i| {
+            let [from, to] = [self.point(i - 1), self.point(i)];
             let along = [to[0] - from[0], to[1] - from[1]];
             let length = (along[0] * along[0] + along[1] * along[1]).max(f64::MIN_POSITIVE);
             let share = -(from[0] * along[0] + from[1] * along[1]) / length;

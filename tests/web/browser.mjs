@@ -58,6 +58,20 @@ async function json(path) {
   return answer.ok ? answer.json() : null;
 }
 
+// A click, and the page that it leads to. Waiting for a load after the click may find the page before loaded.
+async function follow(page, locator) {
+  await Promise.all([page.waitForEvent("load"), locator.click()]);
+}
+
+// The same for a form's button: what the form's POST was answered with.
+async function press(page, button) {
+  const [answer] = await Promise.all([
+    page.waitForResponse((answer) => answer.request().method() === "POST"),
+    follow(page, button),
+  ]);
+  return answer;
+}
+
 async function until(what, ready) {
   const end = Date.now() + WORK_LIMIT_MS;
   while (Date.now() < end) {
@@ -269,7 +283,7 @@ async function addTheEffect(context) {
   const page = await context.newPage();
   await page.goto(`${address}/`);
   let clicks = 0;
-  const click = async (locator) => { clicks += 1; await locator.click(); await page.waitForLoadState("load"); };
+  const click = (locator) => { clicks += 1; return follow(page, locator); };
   check(await page.getByRole("link", { name: `${site} lacks ${effect.replaceAll("_", " ")}` }).isVisible(), "the list says where to look first");
   await click(page.getByRole("link", { name: site, exact: true }));
   await click(page.getByRole("link", { name: "Diagnosis", exact: true }));
@@ -311,12 +325,7 @@ async function sendRecording(context, event) {
   const page = await context.newPage(), send = async (name, buffer) => {
     await page.goto(address + of("recordings"));
     await page.getByLabel("Recording", { exact: true }).setInputFiles({ name, mimeType: "application/octet-stream", buffer });
-    const [answer] = await Promise.all([
-      page.waitForResponse((answer) => answer.request().method() === "POST"),
-      page.getByRole("button", { name: "Compare with the model" }).click(),
-    ]);
-    await page.waitForLoadState("load");
-    return answer.status();
+    return (await press(page, page.getByRole("button", { name: "Compare with the model" }))).status();
   };
   check(await send("hello.csv", Buffer.from("hello")) === 400, "what is no recording is refused");
   check((await page.locator("main").innerText()).includes("time_s"), "and the reason is told");
@@ -333,11 +342,7 @@ async function sendRecording(context, event) {
   await page.getByLabel("Recording", { exact: true }).setInputFiles({ name: "huge.csv", mimeType: "text/csv", buffer: huge });
   check(await page.getByLabel("Recording", { exact: true }).evaluate((field) => field.validationMessage.includes("16 MiB")), "files that are too large are told of before they are sent");
   await page.getByLabel("Recording", { exact: true }).evaluate((field) => { field.form.noValidate = true; });
-  const [told] = await Promise.all([
-    page.waitForResponse((answer) => answer.request().method() === "POST"),
-    page.getByRole("button", { name: "Compare with the model" }).click(),
-  ]);
-  await page.waitForLoadState("load");
+  const told = await press(page, page.getByRole("button", { name: "Compare with the model" }));
   check(told.status() === 413 && (await page.locator("main").innerText()).includes("16 MiB"), `the browser sees why 17 MiB are refused: ${told.status()}`);
   const kept = (await json(of("recordings.json"))).recordings.map((recording) => recording.file);
   check(kept.length === 1 && kept[0] === "mine.cff", `only what was read is kept: ${kept.join(", ")}`);
@@ -358,8 +363,7 @@ async function approve(context, version) {
   check(await page.getByText("awaits approval").first().isVisible(), `version ${version} is not in force before somebody approves it`);
   await page.screenshot({ path: join(shots, `sets-awaiting-${version}.png`), fullPage: true });
   await page.getByLabel("Comment").first().fill("looked at in the browser test");
-  await page.getByRole("button", { name: "Approve" }).first().click();
-  await page.waitForLoadState("load");
+  await press(page, page.getByRole("button", { name: "Approve" }).first());
   const sets = await json(of("sets.json"));
   check(sets.in_force === version && !waiting(sets), `it is approved by its button: version ${sets.in_force} is in force`);
   check((await page.locator("main").innerText()).includes("looked at in the browser test"), "and the page tells by whom and why");
@@ -370,8 +374,7 @@ async function rollBack(context) {
   const page = await context.newPage();
   await page.goto(address + of("sets"));
   await page.screenshot({ path: join(shots, "sets-two.png"), fullPage: true });
-  await page.getByRole("button", { name: "Put in force again" }).click();
-  await page.waitForLoadState("load");
+  await press(page, page.getByRole("button", { name: "Put in force again" }));
   check((await json(of("sets.json"))).in_force === 1, "an older version is put in force again by its button");
   await page.close();
 }

@@ -78,6 +78,19 @@ fn a_shallow_dip_is_refused_with_its_depth() {
 }
 
 #[test]
+fn a_voltage_that_is_little_but_noise_is_refused_and_a_swing_is_not() {
+    // Golden-ratio steps: spread evenly, without a pattern from sample to sample.
+    let noise = |k: usize| ((k as f64 * 0.618_034).fract() - 0.5) * 12.0_f64.sqrt();
+    let noisy = |deviation: f64| changed(dip(0.1), |k, s| s.voltage_pu += deviation * noise(k));
+    assert!(refusals(&noisy(0.3)).contains(&"too_shallow"));
+    assert!(!refusals(&noisy(0.002)).contains(&"too_shallow"));
+    let swing = changed(dip(0.1), |k, s| {
+        s.voltage_pu += 0.05 * (k as f64 / 8.0).sin();
+    });
+    assert!(!refusals(&swing).contains(&"too_shallow"));
+}
+
+#[test]
 fn many_bad_samples_are_refused_and_few_are_not() {
     let bad = |every: usize| {
         changed(dip(0.2), move |k, s| {

@@ -172,11 +172,7 @@ pub(super) fn fit_rows(
     let coordinates = Coordinates::new(model, start, free);
     let place = Place::new(rows, model, &coordinates, options, cancel);
     let mut fitting = Fitting::new(place, options, start);
-    let left = if fitting.left()? > APPROACHED {
-        fitting.approach()?
-    } else {
-        0.0
-    };
+    let left = fitting.come_near()?;
     let begun = fitting.finished()?;
     if left > FAR {
         return Some(begun);
@@ -201,12 +197,7 @@ pub(super) fn approached(
     let coordinates = Coordinates::new(model, start, free);
     let place = Place::new(rows, model, &coordinates, options, cancel);
     let mut fitting = Fitting::new(place, options, start);
-    let near = fitting.left()?;
-    let left = if near > APPROACHED {
-        fitting.approach()?
-    } else {
-        near
-    };
+    let left = fitting.come_near()?;
     Some((coordinates.parameters(&fitting.x), left))
 }
 
@@ -255,6 +246,16 @@ impl<'a> Fitting<'a> {
         self.lowest = problem.into_lowest();
         let count: usize = self.place.rows.iter().map(EventRows::count).sum();
         Some(squares / count as f64)
+    }
+
+    /// [`Self::approach`] where the start is far from the events. What is left per row.
+    fn come_near(&mut self) -> Option<f64> {
+        let left = self.left()?;
+        if left > APPROACHED {
+            self.approach()
+        } else {
+            Some(left)
+        }
     }
 
     /// Comes near with the noise alone. With what varies from event to event marginalised, a model that

@@ -59,7 +59,6 @@ pub(super) struct EventRows<'a> {
     measured: DVector<f64>,
     deviations: Vec<f64>,
     accuracy: Accuracy,
-    lowest_voltage_pu: f64,
 }
 
 impl<'a> EventRows<'a> {
@@ -77,7 +76,6 @@ impl<'a> EventRows<'a> {
             measured: DVector::from_vec(both(&event.active, &event.reactive)),
             deviations: both(&event.active_deviation, &event.reactive_deviation),
             used,
-            lowest_voltage_pu: event.v0_pu * event.input.lowest_voltage(),
             event,
             accuracy,
         }
@@ -85,7 +83,7 @@ impl<'a> EventRows<'a> {
 
     /// The lowest voltage that a model meets, between samples too.
     pub(super) fn lowest_voltage_pu(&self) -> f64 {
-        self.lowest_voltage_pu
+        self.event.v0_pu * self.event.input.lowest_voltage()
     }
 
     fn drive(&self) -> Drive<'a> {

@@ -116,6 +116,7 @@ struct BaseOfEvent {
     columns: DMatrix<f64>,
     residual: DVector<f64>,
     covariance: EventCovariance,
+    lowest_voltage_pu: f64,
 }
 
 impl Base {
@@ -134,6 +135,7 @@ impl Base {
                 columns: expanded.columns(0, count).into_owned(),
                 residual: expanded.column(count).into_owned(),
                 covariance: (event.covariance(&fit.model, &fit.parameters, scatter)).ok()??,
+                lowest_voltage_pu: event.lowest_voltage_pu(),
             })
         };
         let events = rows.iter().map(of).collect::<Option<_>>()?;
@@ -348,7 +350,7 @@ impl<'a> Screening<'a> {
                 points.push(point);
             }
         }
-        let last = points.len() - 1;
+        let last = points.len().saturating_sub(1);
         let sparse = if points.len() < LARGE_GRID { 1 } else { SPARSE };
         let (first, later): (Vec<_>, Vec<_>) = (points.into_iter().enumerate())
             .partition(|(number, _)| (last - number).is_multiple_of(sparse));
@@ -480,8 +482,8 @@ impl<'a> Screening<'a> {
         let place = self.step.threshold_place().filter(|place| {
             // Where the load sees another phasor than the measured one its lowest voltage is not known.
             let sees_measured = self.motors[number].is_some();
-            sees_measured
-                && self.step.rows[number].lowest_voltage_pu() > shapes[*place] + CLEAR_ABOVE_PU
+            let lowest_pu = self.base.events[number].lowest_voltage_pu;
+            sees_measured && lowest_pu > shapes[*place] + CLEAR_ABOVE_PU
         });
         let Some(place) = place else {
             return self.columns(number, at, size);

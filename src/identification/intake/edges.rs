@@ -60,7 +60,7 @@ const JUMP_CLEAR: f64 = 0.05;
 /// A steep step this many samples after a jump is the motion that follows it, ...
 const MOTION_AFTER_JUMP: usize = 6;
 /// ... unless it is larger than this share of the jump: then it is one itself.
-const MOTION_SHARE: f64 = 0.4;
+pub(super) const MOTION_SHARE: f64 = 0.4;
 
 /// Standard deviation of an instant that may lie anywhere between two samples.
 const HALF_INTERVAL_DEVIATION: f64 = 0.29;

@@ -6,7 +6,7 @@
 
 use super::{
     super::phasor_filter::{FilterChoice, PhasorFilter},
-    edges::{Edge, distance, unfiltered_jumps},
+    edges::{Edge, MOTION_SHARE, distance, unfiltered_jumps},
     series::Series,
     voltage::{Jump, Log, Measured, Voltage},
 };
@@ -33,9 +33,7 @@ const HEIGHT_EXPECTED: f64 = 0.9;
 /// ... with this standard deviation, where the change is at least this large.
 const HEIGHT_DEVIATION: f64 = 0.15;
 const LARGE: f64 = 0.05;
-/// A steep step close to a larger one that is smaller by this factor is the motion that follows it.
-const MOTION_SHARE: f64 = 0.4;
-/// Time within which that holds, seconds.
+/// Time within which a steep step that is smaller by [`MOTION_SHARE`] is the motion that follows a jump, seconds.
 const MOTION_S: f64 = 0.06;
 /// Third derivative to be expected while instants are sought, 1/s^3: a swing of 0.3 rad at 6 rad/s.
 const ORDINARY_STIFFNESS: f64 = 65.0;
@@ -407,7 +405,8 @@ fn deviation(
     }
     let at = |t: f64| objective_at(measured, range, jumps, (index, t), Some(fit));
     let t = jumps[index].position;
-    let curvature = (at(t - APART) - 2.0 * at(t) + at(t + APART)) / (APART * APART);
+    let least = fit.objective + bent(measured, fit, index, jumps[index].size);
+    let curvature = (at(t - APART) - 2.0 * least + at(t + APART)) / (APART * APART);
     if curvature > 0.0 {
         (2.0 / curvature).sqrt().min(UNKNOWN)
     } else {

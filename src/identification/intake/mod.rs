@@ -41,7 +41,9 @@ pub enum Unusable {
         voltage_pu: f64,
     },
     /// The power before the event is zero, negative, or drowned in noise.
-    #[error("active power before the event is {active_pu} pu with noise {noise_pu} pu: not a load")]
+    #[error(
+        "active power before the event is {active_pu:?} pu with noise {noise_pu:?} pu: not a load"
+    )]
     NoLoad {
         /// Mean active power before the event, pu.
         active_pu: f64,

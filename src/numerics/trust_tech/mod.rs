@@ -80,6 +80,8 @@ pub struct Options {
     /// further. Default infinite: every solution is explored; at least 1. Meant for objectives
     /// that are not negative.
     pub explore_within: f64,
+    /// While the best objective is above this, nothing but the best solution is explored. Default infinite.
+    pub describes_below: f64,
     /// Calls of the objective after which no further directions are begun; they are begun 16 at a
     /// time. Default 100 000.
     pub evaluations_max: u64,
@@ -104,6 +106,7 @@ impl Default for Options {
             box_directions: true,
             tiers_max: 4,
             explore_within: f64::INFINITY,
+            describes_below: f64::INFINITY,
             evaluations_max: 100_000,
             coarse_decrease_relative: 0.0,
             local: local_solver::Options::default(),
@@ -143,8 +146,11 @@ impl Options {
     }
 
     /// Objective up to which a solution is explored when the best one's is `best`.
-    fn worth_exploring_below(&self, best: f64) -> f64 {
-        if self.explore_within.is_finite() {
+    #[must_use]
+    pub fn worth_exploring_below(&self, best: f64) -> f64 {
+        if best > self.describes_below {
+            best
+        } else if self.explore_within.is_finite() {
             best + (self.explore_within - 1.0) * best.abs()
         } else {
             f64::INFINITY

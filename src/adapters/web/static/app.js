@@ -15,14 +15,20 @@ function theme() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => document.dispatchEvent(new Event("theme")));
 }
 
-// The page again, without losing the reader's place: its content is replaced unless a form is being filled in.
-async function refresh() {
+// Whether the reader is filling in a form, or holds something open that new content would close.
+function occupied() {
   const busy = document.activeElement && document.activeElement.closest("form");
   const entered = (field) => field.type === "file" ? field.files.length > 0 : ["text", "search", "number", "password"].includes(field.type) && field.value !== field.defaultValue;
-  if (busy || [...document.querySelectorAll("main input")].some(entered) || document.querySelector(".plot[data-pressed]") || document.querySelector("main input:checked, main details[open]")) return false;
+  return Boolean(busy || [...document.querySelectorAll("main input")].some(entered) || document.querySelector(".plot[data-pressed], main input:checked, main details[open]"));
+}
+
+// The page again, without losing the reader's place: its content is replaced unless the reader is occupied, before it was asked for or since.
+async function refresh() {
+  if (occupied()) return false;
   const answer = await fetch(location.href, { headers: { accept: "text/html" } });
   if (!answer.ok) return false;
   const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
+  if (occupied()) return false;
   document.querySelector("main").replaceChildren(...fresh.querySelector("main").childNodes);
   document.title = fresh.title;
   upgrade(document);
