@@ -281,7 +281,10 @@ fn events_that_nothing_describes_and_those_that_any_motor_describes_are_not_sear
     let (site, windows) = bundled_windows("demo");
     let found = run(&site, &windows).unwrap();
     let notes = &found.set.notes;
-    assert!(notes.iter().any(|n| n.contains("describes")), "{notes:?}");
+    assert!(
+        notes.iter().any(|n| n.contains("no solution describes")),
+        "{notes:?}"
+    );
     // Four in five of them are those of one scan of 9408 cells.
     assert!(found.cost.simulations < 120_000, "{:?}", found.cost);
     // Constant power, exactly: the least share of any motor that hardly moves leaves next to nothing.
@@ -289,6 +292,8 @@ fn events_that_nothing_describes_and_those_that_any_motor_describes_are_not_sear
     let constant = record(600, |k| sample(k, shallow(k), 0.9, 0.3));
     let found = run(&site, &[constant]).unwrap();
     assert!(found.cost.simulations < 10_000, "{:?}", found.cost);
+    let notes = &found.set.notes;
+    assert!(notes.iter().any(|n| n.contains("any motor")), "{notes:?}");
 }
 
 #[test]

@@ -150,10 +150,21 @@ pub struct Fit {
     pub directions: Vec<DirectionRecord>,
     /// Why the search ended.
     pub ended: Ended,
+    /// Why nothing but the best solution was explored, where that is so.
+    pub best_only: Option<BestOnly>,
     /// What a scan says of it, where one was asked for.
     pub scan: Option<ScanComparison>,
     /// Cost, the scan's check not included.
     pub cost: Cost,
+}
+
+/// Why nothing but the best solution was explored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BestOnly {
+    /// It leaves more than ten standard deviations per sample of several events.
+    NothingDescribes,
+    /// Half of the motors that the box is scanned with leave next to nothing.
+    AnyMotorDescribes,
 }
 
 /// Fits the events jointly. `None` when no start is feasible.
@@ -169,6 +180,7 @@ pub fn fit(
         mut solutions,
         directions,
         ended,
+        best_only,
     } = match options.formulation {
         Formulation::Reduced => search::reduced(&problem, options, cancel),
         Formulation::Paper => {
@@ -195,6 +207,7 @@ pub fn fit(
         solutions,
         directions,
         ended,
+        best_only,
         scan,
         cost: Cost {
             simulations,

@@ -202,7 +202,7 @@ pub fn conclude(
         (named, precision)
     };
     estimates.notes.extend(site_fit.robust_note());
-    estimates.notes.extend(site_fit.undescribed_note());
+    estimates.notes.extend(site_fit.best_only_note());
     let evidence = Evidence {
         model,
         fitted,

@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use super::{
     DirectionRecord,
     evaluate::FittedModel,
-    fit::{FitSolution, SearchOptions},
+    fit::{BestOnly, FitSolution, SearchOptions},
     intake::PreparedEvent,
     joint_problem::{JointProblem, LINEAR, OUTER, Simulated, motor_coordinates, outer_bounds},
     paper_problem::PaperProblem,
@@ -27,6 +27,7 @@ pub(super) struct Located {
     pub(super) solutions: Vec<FitSolution>,
     pub(super) directions: Vec<DirectionRecord>,
     pub(super) ended: Ended,
+    pub(super) best_only: Option<BestOnly>,
 }
 
 /// Start inside the physical range, where no cell of the scan is feasible: an aggregated motor of
@@ -39,7 +40,7 @@ const PHYSICAL_START: [f64; OUTER] = [3.4, 7.0, 0.4];
 const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
 /// A best solution that leaves more than this (weighted squares per row) describes nothing: the objective is
 /// then made of the model's own oscillations, in valleys that the tiers step over.
-pub(super) const DESCRIBES_PER_ROW: f64 = 100.0;
+const DESCRIBES_PER_ROW: f64 = 100.0;
 /// A motor whose objective is at most this cannot be told from one that leaves nothing: two standard deviations.
 const AS_GOOD_AS_NOTHING_LEFT: f64 = 2.0;
 /// Cells of the scans where nothing describes the events, and starts from each: of the box, ...
@@ -86,7 +87,15 @@ pub(super) fn reduced(
     let exact = Simulated::exactly(problem);
     let grid = grid_scan::scan(&for_scan, &bounds, &options.start_cells, cancel);
     let first = lowest(&grid, options.starts_max);
-    let options = &where_motors_differ(options, problem.events(), &grid);
+    // Where no motor, or almost any, describes the events there are hundreds of solutions, and no user of any but the best.
+    let any_motor = any_motor_describes(&grid);
+    let mut options = *options;
+    options.trust_tech.describes_below = match problem.events() {
+        _ if any_motor => f64::NEG_INFINITY,
+        events if events.len() > 1 => undescribed_above(events),
+        _ => f64::INFINITY,
+    };
+    let options = &options;
     let second = |found: &[FoundSolution]| more_starts(problem, &for_scan, options, found, cancel);
     let found = trust_tech::search(
         &rough,
@@ -113,31 +122,30 @@ pub(super) fn reduced(
             paper: None,
         })
     };
+    let nothing = least(&found.solutions) > options.trust_tech.describes_below;
+    let why = if any_motor {
+        BestOnly::AnyMotorDescribes
+    } else {
+        BestOnly::NothingDescribes
+    };
     Located {
         solutions: found.solutions.iter().filter_map(solution).collect(),
         directions: found.directions,
         ended: found.ended,
+        best_only: nothing.then_some(why),
     }
 }
 
-/// The options for these events. Several events that nothing describes have a hundred poor solutions, and no user of
-/// any but the best; neither has a recording that almost any motor describes.
-fn where_motors_differ(
-    options: &SearchOptions,
-    events: &[PreparedEvent],
-    grid: &GridScan,
-) -> SearchOptions {
-    let mut options = *options;
-    let exploring = &mut options.trust_tech;
-    if events.len() > 1 {
-        let rows: usize = events.iter().map(PreparedEvent::rows).sum();
-        exploring.describes_below = 0.5 * DESCRIBES_PER_ROW * rows as f64;
-    }
+/// Whether almost any motor describes the events: at half of the cells or more next to nothing is left.
+fn any_motor_describes(grid: &GridScan) -> bool {
     let as_good = |&index: &usize| grid.value(index) <= AS_GOOD_AS_NOTHING_LEFT;
-    if 2 * (0..grid.len()).filter(as_good).count() >= grid.len() {
-        exploring.describes_below = f64::NEG_INFINITY;
-    }
-    options
+    2 * (0..grid.len()).filter(as_good).count() >= grid.len()
+}
+
+/// The objective above which a solution describes nothing.
+fn undescribed_above(events: &[PreparedEvent]) -> f64 {
+    let rows: usize = events.iter().map(PreparedEvent::rows).sum();
+    0.5 * DESCRIBES_PER_ROW * rows as f64
 }
 
 /// More starts for what was found: from a finer scan where solutions compete or nothing describes the events, and
@@ -152,9 +160,7 @@ fn more_starts(
     let bounds = outer_bounds();
     let worth = worth_exploring_below(found, &options.trust_tech);
     let worth: Vec<_> = (found.iter().filter(|f| f.local.value <= worth)).collect();
-    let least = (found.iter().map(|f| f.local.value)).fold(f64::INFINITY, f64::min);
-    let rows: usize = problem.events().iter().map(PreparedEvent::rows).sum();
-    let described = 2.0 * least <= DESCRIBES_PER_ROW * rows as f64;
+    let described = least(found) <= undescribed_above(problem.events());
     let (of_box, of_face) = if described {
         let starts = options.second_starts_max;
         (
@@ -337,6 +343,7 @@ pub(super) fn paper(
         solutions: found.solutions.iter().filter_map(solution).collect(),
         directions: found.directions,
         ended: found.ended,
+        best_only: None,
     }
 }
 
@@ -357,8 +364,12 @@ fn paper_starts(
 }
 
 fn worth_exploring_below(found: &[FoundSolution], options: &trust_tech::Options) -> f64 {
+    options.worth_exploring_below(least(found))
+}
+
+fn least(found: &[FoundSolution]) -> f64 {
     let values = found.iter().map(|f| f.local.value);
-    options.worth_exploring_below(values.fold(f64::INFINITY, f64::min))
+    values.fold(f64::INFINITY, f64::min)
 }
 
 /// The lowest cells of a scan that no neighbour undercuts; the physical start where none is

@@ -5,13 +5,12 @@ use super::{
     composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed},
     edge_timing::{align, kept_between},
     evaluate::EventModel,
-    fit::{Fit, FitSolution, SearchOptions, check, fit},
+    fit::{BestOnly, Fit, FitSolution, SearchOptions, check, fit},
     identify::{median_operating_point, prepare_all, reduced_chi_square, split},
     intake::PreparedEvent,
     joint_problem::ProblemOptions,
     precision::Precision,
     robust::{RobustLoss, SampleWeights, sample_weights},
-    search::DESCRIBES_PER_ROW,
     turns::Turns,
 };
 use crate::{disturbance::Window, load_model::Structure};
@@ -63,15 +62,20 @@ impl FittedSite {
         Precision::calibrated(best, &self.weighted, &self.problem, chi_square)
     }
 
-    /// That nothing but the best solution was explored, where that leaves many times the noise.
-    pub(super) fn undescribed_note(&self) -> Option<String> {
-        let best = self.found.solutions.first()?;
+    /// That nothing but the best solution was explored; none where that is only where a composed model began.
+    pub(super) fn best_only_note(&self) -> Option<String> {
+        let why = self.found.best_only.filter(|_| self.composed.is_none())?;
         let rows: usize = self.weighted.iter().map(PreparedEvent::rows).sum();
-        let per_row = 2.0 * best.point.objective / rows as f64;
-        let undescribed = self.weighted.len() > 1 && per_row > DESCRIBES_PER_ROW;
-        (undescribed && self.composed.is_none()).then(|| {
-            let deviations = per_row.sqrt();
-            format!("no solution describes these events (the best leaves {deviations:.0} times the noise per sample): only the best was explored")
+        let best = self.found.solutions.first()?;
+        let deviations = (2.0 * best.point.objective / rows as f64).sqrt();
+        Some(match why {
+            BestOnly::NothingDescribes => format!(
+                "no solution describes these events (the best leaves {deviations:.0} times the noise per sample): only the best was explored"
+            ),
+            BestOnly::AnyMotorDescribes => {
+                "almost any motor describes these events: only the best solution was explored"
+                    .to_owned()
+            }
         })
     }
 

@@ -83,7 +83,7 @@ async function walk() {
   page.on("pageerror", (error) => complaints.push(error.message));
   await page.goto(`${address}/`);
   let clicks = 0;
-  const click = async (name, locator) => { clicks += 1; await locator.click(); await page.waitForLoadState("load"); await look(name, page.url()); };
+  const click = async (name, locator) => { clicks += 1; await Promise.all([page.waitForEvent("load"), locator.click()]); await look(name, page.url()); };
   await look("sites", page.url());
   const lead = page.locator("p.lead", { hasText: "Where to look first" });
   console.log(`      ${await lead.innerText()}`);
