@@ -277,7 +277,7 @@ fn a_fit_with_every_unknown_on_a_bound_is_reported_and_determines_nothing() {
 }
 
 #[test]
-fn events_that_nothing_describes_and_those_that_any_motor_describes_are_not_searched_for_long() {
+fn events_that_nothing_describes_or_that_do_not_tell_motors_apart_are_not_searched_for_long() {
     let (site, windows) = bundled_windows("demo");
     let found = run(&site, &windows).unwrap();
     let notes = &found.set.notes;
@@ -293,7 +293,10 @@ fn events_that_nothing_describes_and_those_that_any_motor_describes_are_not_sear
     let found = run(&site, &[constant]).unwrap();
     assert!(found.cost.simulations < 10_000, "{:?}", found.cost);
     let notes = &found.set.notes;
-    assert!(notes.iter().any(|n| n.contains("any motor")), "{notes:?}");
+    assert!(
+        notes.iter().any(|n| n.contains("tell motors apart")),
+        "{notes:?}"
+    );
 }
 
 #[test]

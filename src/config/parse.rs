@@ -270,6 +270,11 @@ pub(super) fn screening(mut section: Section<'_>, to: &mut ScreeningOptions) -> 
         &mut to.voltage_change_min_pu,
         Is::SHARE,
     );
+    section.number(
+        "frequency_change_min_hz",
+        &mut to.frequency_change_min_hz,
+        Is::FREQUENCY_CHANGE_MIN_HZ,
+    );
     section.number("usable_share_min", &mut to.usable_share_min, Is::SHARE);
     section.number_or_none("unbalance_mark", &mut to.unbalance_mark, Is::SHARE);
     section.number_or_none("unbalance_refuse", &mut to.unbalance_refuse, Is::SHARE);

@@ -1,7 +1,7 @@
 //! Which events are fitted, which decide, and which stay untouched.
 
 use super::options::EventSplit;
-use crate::identification::hold_out::inner_events;
+use crate::identification::hold_out::{by_kind, inner_events};
 
 /// From this many events on, some stay untouched.
 const UNTOUCHED_FROM: usize = 8;
@@ -20,7 +20,8 @@ pub(super) enum Use {
 
 /// The use of each event. `events` are `(name, lowest voltage)`.
 ///
-/// By default both held-out sets are spread over the depths, as [`inner_events`] says.
+/// By default both held-out sets are spread over the depths, dips and others apart, as [`by_kind`] and
+/// [`inner_events`] say.
 pub(super) fn uses(events: &[(&str, f64)], split: &EventSplit) -> Vec<Use> {
     match split {
         EventSplit::Named { gate, untouched } => {
@@ -41,15 +42,30 @@ pub(super) fn uses(events: &[(&str, f64)], split: &EventSplit) -> Vec<Use> {
 }
 
 fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
+    let mut uses = vec![Use::Fit; events.len()];
+    for kind in by_kind(events) {
+        let of: Vec<(&str, f64)> = kind.iter().map(|&event| events[event]).collect();
+        let with_untouched = events.len() >= UNTOUCHED_FROM;
+        for (event, its_use) in kind
+            .into_iter()
+            .zip(spread_over_depths(&of, with_untouched))
+        {
+            uses[event] = its_use;
+        }
+    }
+    uses
+}
+
+fn spread_over_depths(events: &[(&str, f64)], with_untouched: bool) -> Vec<Use> {
     let count = events.len();
     let mut uses = vec![Use::Fit; count];
     if count < 2 {
         return uses;
     }
-    let untouched = if count < UNTOUCHED_FROM {
-        0
-    } else {
+    let untouched = if with_untouched {
         rounded(count as f64 * UNTOUCHED_SHARE)
+    } else {
+        0
     };
     let gate = rounded(count as f64 * GATE_SHARE).clamp(1, count - 1 - untouched);
     let held = gate + untouched;

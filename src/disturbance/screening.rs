@@ -13,6 +13,9 @@ pub struct ScreeningOptions {
     /// Least change of the voltage after the onset, pu of its value before; a smaller one is
     /// refused. Default 0.008: a step of 1 % passes with its noise. 0 to 1.
     pub voltage_change_min_pu: f64,
+    /// Change of the frequency after the onset, hertz, from which a window is kept whatever its voltage does: what a
+    /// load does with the frequency shows best where the voltage stays. Default 0.1. 0 to 10.
+    pub frequency_change_min_hz: f64,
     /// Least share of usable samples; fewer are refused. Default 0.8, 0 to 1.
     pub usable_share_min: f64,
     /// Negative-sequence voltage, over the voltage before the onset, from which a window is marked.
@@ -49,6 +52,8 @@ pub struct ScreeningOptions {
 impl ScreeningOptions {
     /// Admissible range of every share and every per-unit value.
     pub const SHARE: (f64, f64) = (0.0, 1.0);
+    /// Admissible range of `frequency_change_min_hz`.
+    pub const FREQUENCY_CHANGE_MIN_HZ: (f64, f64) = (0.0, 10.0);
     /// Admissible range of `unexplained_power_max`.
     pub const UNEXPLAINED_POWER_MAX: (f64, f64) = (0.0, 10.0);
     /// Admissible range of `pre_event_s`.
@@ -61,6 +66,7 @@ impl Default for ScreeningOptions {
     fn default() -> Self {
         Self {
             voltage_change_min_pu: 0.008,
+            frequency_change_min_hz: 0.1,
             usable_share_min: 0.8,
             unbalance_mark: Some(0.05),
             unbalance_refuse: Some(0.25),
@@ -160,6 +166,9 @@ struct View {
     before_voltages_pu: Vec<f64>,
     before_voltage_pu: f64,
     voltage_noise_pu: f64,
+    /// Largest distance of the frequency from that before the onset, a median over three samples; 0 where it is not
+    /// known.
+    frequency_change_hz: f64,
     before_active_pu: f64,
     active_noise_pu: f64,
     /// 2nd and 98th percentile of the active power, pu.
@@ -191,7 +200,8 @@ impl View {
         let all: Vec<f64> = first.iter().chain(&after).map(|p| p.active_pu).collect();
         Some(Self {
             before_voltage_pu: percentile(&voltages, 0.5)?,
-            voltage_noise_pu: noise_of_samples(&samples[..onset]),
+            voltage_noise_pu: noise_of_samples(&samples[..onset], |s| s.voltage_pu),
+            frequency_change_hz: frequency_change_hz(&samples[..onset], &samples[onset..]),
             before_active_pu: percentile(&actives, 0.5)?,
             active_noise_pu: noise(&actives),
             active_range_pu: (percentile(&all, 0.02)?, percentile(&all, 0.98)?),
@@ -239,15 +249,19 @@ fn pre_event(window: &Window, view: &View, options: &ScreeningOptions, screening
     }
 }
 
-/// A change of the voltage, a median over three, stands out of its noise by this many deviations of a sample: the
+/// A change of voltage or frequency, a median over three, stands out of its noise by this many deviations of a sample: the
 /// largest median among some thousand samples of nothing but noise is at three.
-const VOLTAGE_NOISES: f64 = 4.0;
+const STANDS_OUT: f64 = 4.0;
+/// Beside a voltage with this noise no answer of a load to the frequency shows.
+const NOISY_VOLTAGE_PU: f64 = 0.01;
 
 fn depth(view: &View, options: &ScreeningOptions, screening: &mut Screening) {
     let change_pu = view.largest_voltage_change() * view.before_voltage_pu;
-    let above_noise_pu = VOLTAGE_NOISES * view.voltage_noise_pu;
+    let above_noise_pu = STANDS_OUT * view.voltage_noise_pu;
     let required_pu = options.voltage_change_min_pu.max(above_noise_pu);
-    if change_pu < required_pu {
+    let moves_frequency = view.frequency_change_hz >= options.frequency_change_min_hz
+        && view.voltage_noise_pu < NOISY_VOLTAGE_PU;
+    if change_pu < required_pu && !moves_frequency {
         screening.refusals.push(ScreeningReason::TooShallow {
             change_pu,
             required_pu,
@@ -425,17 +439,37 @@ fn noise(values: &[f64]) -> f64 {
     percentile(&differences, 0.5).unwrap_or(0.0)
 }
 
-/// Standard deviation of the noise of single samples of the voltage, from its second differences, in which swings
+/// Standard deviation of the noise of single samples of a channel, from its second differences, in which swings
 /// hardly show; 0 where there are too few.
-fn noise_of_samples(samples: &[Sample]) -> f64 {
+fn noise_of_samples(samples: &[Sample], channel: impl Fn(&Sample) -> f64) -> f64 {
     /// Median of the size of a second difference of white noise with unit deviation: 0.6745 sqrt 6.
     const MEDIAN: f64 = 1.652;
     let usable = samples.iter().filter(|s| s.usable());
-    let voltages: Vec<f64> = usable.map(|s| s.voltage_pu).collect();
-    let second = voltages
-        .windows(3)
-        .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs());
+    let values: Vec<f64> = usable.map(channel).filter(|y| y.is_finite()).collect();
+    let second = values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs());
     percentile(&second.collect::<Vec<f64>>(), 0.5).unwrap_or(0.0) / MEDIAN
+}
+
+/// How far the frequency goes from that before the onset where it does so clearly; else 0.
+fn frequency_change_hz(before: &[Sample], after: &[Sample]) -> f64 {
+    let of = |samples: &[Sample]| -> Vec<f64> {
+        let usable = samples.iter().filter(|s| s.usable());
+        usable
+            .map(|s| s.frequency_hz)
+            .filter(|f| f.is_finite())
+            .collect()
+    };
+    let Some(level_hz) = percentile(&of(before), 0.5) else {
+        return 0.0;
+    };
+    let far = |w: &[f64]| percentile(w, 0.5).map_or(0.0, |f| (f - level_hz).abs());
+    let change_hz = of(after).windows(3).map(far).fold(0.0, f64::max);
+    let noise_hz = noise_of_samples(before, |s| s.frequency_hz);
+    if change_hz > STANDS_OUT * noise_hz {
+        change_hz
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]

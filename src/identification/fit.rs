@@ -163,8 +163,8 @@ pub struct Fit {
 pub enum BestOnly {
     /// It leaves more than ten standard deviations per sample of several events.
     NothingDescribes,
-    /// Half of the motors that the box is scanned with leave next to nothing.
-    AnyMotorDescribes,
+    /// Half of the motors that the box is scanned with leave hardly more than the best of them.
+    MotorsDoNotDiffer,
 }
 
 /// Fits the events jointly. `None` when no start is feasible.

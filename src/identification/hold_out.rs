@@ -1,25 +1,54 @@
 //! Which events are held out: the same whatever the order or the time of arrival, balanced over
 //! depth so that both sides see deep and shallow events, and leaving no wide gap to the fit.
 
-/// Splits events into fitted and held out. `events` are `(identifier, lowest voltage)`; returns the
-/// indices held out, ascending.
+/// Splits events into fitted and held out. `events` are `(identifier, lowest voltage)`, voltages as
+/// shares of those before the events; returns the indices held out, ascending.
 ///
-/// Of two events one is held out, of one none; the others as [`inner_events`] says.
+/// Of two events one is held out, of one none; the others as [`by_kind`] and [`inner_events`] say.
 #[must_use]
 pub fn held_out(events: &[(&str, f64)], share: f64) -> Vec<usize> {
-    if events.len() < 2 || share.is_nan() || share <= 0.0 {
+    if share.is_nan() || share <= 0.0 {
         return Vec::new();
     }
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the quotient is a small positive number"
-    )]
-    let count = ((events.len() as f64 * share).round() as usize).clamp(1, events.len() - 1);
-    let mut chosen = inner_events(events, count);
+    let mut chosen = Vec::new();
+    for kind in by_kind(events) {
+        if kind.len() < 2 {
+            continue;
+        }
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "the quotient is a small positive number"
+        )]
+        let count = ((kind.len() as f64 * share).round() as usize).clamp(1, kind.len() - 1);
+        let of: Vec<(&str, f64)> = kind.iter().map(|&event| events[event]).collect();
+        chosen.extend(
+            inner_events(&of, count)
+                .into_iter()
+                .map(|place| kind[place]),
+        );
+    }
     chosen.sort_unstable();
     chosen
 }
+
+/// The events with a dip, and those without one, which show the frequency or a swell: indices.
+///
+/// Each kind is split by itself. Together those without a dip, side by side in depth, would be held
+/// out first, and the more of them there are the fewer dips. A dip and one without: both together.
+#[must_use]
+pub fn by_kind(events: &[(&str, f64)]) -> Vec<Vec<usize>> {
+    let (still, dips): (Vec<usize>, Vec<usize>) =
+        (0..events.len()).partition(|&event| events[event].1 >= STILL_FROM);
+    if dips.len() < 2 && still.len() < 2 {
+        return vec![(0..events.len()).collect()];
+    }
+    vec![dips, still]
+}
+
+/// Lowest voltage, as a share of that before the event, from which there was no dip: what `screening` takes for too
+/// shallow by default.
+const STILL_FROM: f64 = 0.992;
 
 /// As many of the events as asked for, deep ones first: `(identifier, lowest voltage)` to indices.
 ///
@@ -156,6 +185,28 @@ mod tests {
         }
         assert_eq!(inner_events(&events, 20).len(), 8);
         assert!(inner_events(&[], 1).is_empty());
+    }
+
+    #[test]
+    fn events_without_a_dip_change_nothing_of_which_dips_are_held_out() {
+        let held_of = |depths: &[f64]| {
+            let names: Vec<String> = (0..depths.len()).map(|i| format!("event_{i}")).collect();
+            let events: Vec<(&str, f64)> = (names.iter().map(String::as_str))
+                .zip(depths.iter().copied())
+                .collect();
+            held_out(&events, 0.33)
+        };
+        let dips = [0.5, 0.6, 0.7, 0.8, 0.85, 0.95];
+        let held = held_of(&dips);
+        assert_eq!(held.len(), 2);
+        for still in [[0.993].as_slice(), &[0.993, 0.9999, 0.998], &[0.9995; 9]] {
+            let of_mixed = held_of(&[&dips, still].concat());
+            assert_eq!(of_mixed[..2], held);
+            assert_eq!(of_mixed.len(), 2 + still.len() / 3);
+        }
+        assert_eq!(held_of(&[0.5, 0.999]), [1]);
+        assert_eq!(held_of(&[0.999, 0.6, 0.5]), [1]);
+        assert_eq!(held_of(&[0.998, 0.999]), [1]);
     }
 
     #[test]

@@ -41,8 +41,8 @@ const UNDAMPED_CELLS: [usize; OUTER] = [1, 96, 24];
 /// A best solution that leaves more than this (weighted squares per row) describes nothing: the objective is
 /// then made of the model's own oscillations, in valleys that the tiers step over.
 const DESCRIBES_PER_ROW: f64 = 100.0;
-/// A motor whose objective is at most this cannot be told from one that leaves nothing: two standard deviations.
-const AS_GOOD_AS_NOTHING_LEFT: f64 = 2.0;
+/// Motors whose objectives differ by at most this cannot be told apart: two standard deviations.
+const TOLD_APART: f64 = 2.0;
 /// Cells of the scans where nothing describes the events, and starts from each: of the box, ...
 const UNDESCRIBED_BOX: ([usize; OUTER], usize) = ([28, 28, 12], 64);
 /// ... of its face of least alpha, ...
@@ -87,11 +87,12 @@ pub(super) fn reduced(
     let exact = Simulated::exactly(problem);
     let grid = grid_scan::scan(&for_scan, &bounds, &options.start_cells, cancel);
     let first = lowest(&grid, options.starts_max);
-    // Where no motor, or almost any, describes the events there are hundreds of solutions, and no user of any but the best.
-    let any_motor = any_motor_describes(&grid);
+    // Where no motor describes the events, or they do not tell motors apart, there are hundreds of
+    // solutions, and no user of any but the best.
+    let alike = motors_do_not_differ(&grid);
     let mut options = *options;
     options.trust_tech.describes_below = match problem.events() {
-        _ if any_motor => f64::NEG_INFINITY,
+        _ if alike => f64::NEG_INFINITY,
         events if events.len() > 1 => undescribed_above(events),
         _ => f64::INFINITY,
     };
@@ -123,8 +124,8 @@ pub(super) fn reduced(
         })
     };
     let nothing = least(&found.solutions) > options.trust_tech.describes_below;
-    let why = if any_motor {
-        BestOnly::AnyMotorDescribes
+    let why = if alike {
+        BestOnly::MotorsDoNotDiffer
     } else {
         BestOnly::NothingDescribes
     };
@@ -136,10 +137,11 @@ pub(super) fn reduced(
     }
 }
 
-/// Whether almost any motor describes the events: at half of the cells or more next to nothing is left.
-fn any_motor_describes(grid: &GridScan) -> bool {
-    let as_good = |&index: &usize| grid.value(index) <= AS_GOOD_AS_NOTHING_LEFT;
-    2 * (0..grid.len()).filter(as_good).count() >= grid.len()
+/// Whether the events hardly tell motors apart: half of the cells or more lie close to the lowest.
+fn motors_do_not_differ(grid: &GridScan) -> bool {
+    let cells = (0..grid.len()).map(|index| grid.value(index));
+    let lowest = cells.clone().fold(f64::INFINITY, f64::min);
+    2 * cells.filter(|value| *value <= lowest + TOLD_APART).count() >= grid.len()
 }
 
 /// The objective above which a solution describes nothing.

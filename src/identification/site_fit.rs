@@ -72,8 +72,8 @@ impl FittedSite {
             BestOnly::NothingDescribes => format!(
                 "no solution describes these events (the best leaves {deviations:.0} times the noise per sample): only the best was explored"
             ),
-            BestOnly::AnyMotorDescribes => {
-                "almost any motor describes these events: only the best solution was explored"
+            BestOnly::MotorsDoNotDiffer => {
+                "these events do not tell motors apart: only the best solution was explored"
                     .to_owned()
             }
         })

@@ -11,6 +11,7 @@
     reason = "a test that cannot make its site should fail"
 )]
 
+mod catalogue;
 mod pairs;
 
 use loadmodeld::{

@@ -78,6 +78,27 @@ fn a_shallow_dip_is_refused_with_its_depth() {
 }
 
 #[test]
+fn a_window_whose_frequency_moves_is_kept_with_a_steady_voltage() {
+    let falling = |hertz: f64| {
+        changed(dip(0.002), |k, s| {
+            let since = k.saturating_sub(ONSET) as f64 / 100.0;
+            s.frequency_hz -= hertz * since.min(1.0);
+        })
+    };
+    assert!(refusals(&falling(0.3)).is_empty());
+    assert!(refusals(&falling(0.05)).contains(&"too_shallow"));
+    // One wild sample, and a frequency that is little but noise.
+    let wild = changed(dip(0.002), |k, s| {
+        s.frequency_hz += if k == ONSET + 5 { 2.0 } else { 0.0 };
+    });
+    assert!(refusals(&wild).contains(&"too_shallow"));
+    let noisy = changed(dip(0.002), |k, s| {
+        s.frequency_hz += 0.3 * ((k as f64 * 0.618_034).fract() - 0.5);
+    });
+    assert!(refusals(&noisy).contains(&"too_shallow"));
+}
+
+#[test]
 fn a_voltage_that_is_little_but_noise_is_refused_and_a_swing_is_not() {
     // Golden-ratio steps: spread evenly, without a pattern from sample to sample.
     let noise = |k: usize| ((k as f64 * 0.618_034).fract() - 0.5) * 12.0_f64.sqrt();

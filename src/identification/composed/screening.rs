@@ -58,6 +58,12 @@ const CLEAR_ABOVE_PU: f64 = 0.02;
 const STEP_DEVIATIONS: f64 = 0.7;
 const STEP_OF_RANGE: f64 = 0.15;
 const HALVINGS: usize = 2;
+/// Steps in one direction, and rounds over all, where an effect is looked at in several sizes, ...
+const SIZED_STEPS_MAX: usize = 4;
+/// ... the factor from one size to the next, ...
+const SIZE_STEP: f64 = 1.5;
+/// ... and how far from a size what it does there is taken to be proportional.
+const SIZE_HOLDS: f64 = 1.25;
 /// The search goes on with a shape only while it gains this share of what is left.
 const WORTH: f64 = 1e-4;
 
@@ -384,28 +390,61 @@ impl<'a> Screening<'a> {
     }
 
     /// Moves one shape after the other while less is left: a pattern search over the linear score,
-    /// which needs no slope in a threshold or a delay.
+    /// which needs no slope in a threshold or a delay. Of an effect that is looked at in several sizes it moves the size,
+    /// too, and goes as far as that leads: fewer large steps stand for many small ones.
     pub(super) fn polish(&self, from: Candidate) -> Candidate {
         let shapes = self.step.own(|p| p.role == Role::Shape);
+        let steps_max = from.size.map_or(1, |_| SIZED_STEPS_MAX);
+        let first = self.step.own(Parameter::is_amplitude).first().copied();
+        let largest = first.map_or(f64::INFINITY, |index| {
+            self.step.model.parameters()[index].declaration.upper
+        });
         let mut best = from;
         for halving in 0..=HALVINGS {
             let shrink = 0.5_f64.powi(i32::try_from(halving).unwrap_or(0));
-            for (place, &index) in shapes.iter().enumerate() {
-                let declared = &self.step.model.parameters()[index].declaration;
-                for direction in [1.0, -1.0] {
-                    let mut at = best.score.shapes.clone();
-                    at[place] = moved(at[place], declared, direction * shrink);
-                    if at == best.score.shapes {
-                        continue;
-                    }
-                    let Some(next) = self.candidate(at, best.size) else {
-                        continue;
-                    };
-                    if next.left < best.left * (1.0 - WORTH) {
-                        best = next;
-                        break;
-                    }
+            for _ in 0..steps_max {
+                let begun = best.left;
+                for (place, &index) in shapes.iter().enumerate() {
+                    let declared = &self.step.model.parameters()[index].declaration;
+                    best = self.along(best, steps_max, |at, direction| {
+                        let mut shapes = at.score.shapes.clone();
+                        shapes[place] = moved(shapes[place], declared, direction * shrink);
+                        (shapes != at.score.shapes).then_some((shapes, at.size))
+                    });
                 }
+                best = self.along(best, steps_max, |at, direction| {
+                    let size = (at.size? * SIZE_STEP.powf(direction * shrink)).min(largest);
+                    Some((at.score.shapes.clone(), Some(size)))
+                });
+                if best.left >= begun {
+                    break;
+                }
+            }
+        }
+        best
+    }
+
+    /// Up to `steps_max` steps in the first of two directions in which less is left. `next` is where a step from a
+    /// candidate leads, shapes and size; none where it leads nowhere.
+    fn along(
+        &self,
+        from: Candidate,
+        steps_max: usize,
+        next: impl Fn(&Candidate, f64) -> Option<(Vec<f64>, Option<f64>)>,
+    ) -> Candidate {
+        let mut best = from;
+        for direction in [1.0, -1.0] {
+            let mut moved = false;
+            for _ in 0..steps_max {
+                let stepped =
+                    next(&best, direction).and_then(|(at, size)| self.candidate(at, size));
+                match stepped.filter(|stepped| stepped.left < best.left * (1.0 - WORTH)) {
+                    Some(stepped) => (best, moved) = (stepped, true),
+                    None => break,
+                }
+            }
+            if moved {
+                break;
             }
         }
         best
@@ -452,7 +491,10 @@ impl<'a> Screening<'a> {
         let visibility = (0..count)
             .map(|i| projected[(i, i)] / own[(i, i)].max(f64::MIN_POSITIVE))
             .fold(1.0, f64::min);
-        let amplitude = self.step.amplitude(&information, &right, &amplitudes)?;
+        let mut amplitude = self.step.amplitude(&information, &right, &amplitudes)?;
+        if let Some(size) = size {
+            amplitude[0] = amplitude[0].clamp(size / SIZE_HOLDS, size * SIZE_HOLDS);
+        }
         let gain = 2.0 * amplitude.dot(&right) - (amplitude.tr_mul(&information) * &amplitude)[0];
         let score = Score {
             shapes,

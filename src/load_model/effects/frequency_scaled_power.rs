@@ -14,6 +14,7 @@
 //! ```text
 //! S_motor = (1 + c F) S(u_m),   u_m = u exp(j g) / (1 + c F)                  (1)
 //! dg/dt   = D w_0 F                                                         (2)
+//! Q      += -m df |u|^2                                                     (3)
 //! ```
 //!
 //! `c = 1` in (1), from which the prior lets it stray by 0.15 only, is the plain statement above: the stator's voltage is `j f` times its flux linkages, so
@@ -23,20 +24,22 @@
 //! against such a reference do the same. The rotors then accelerate with the system although the angle
 //! stays; the mean keeps local swings, which the angle has in any case, out of it.
 //!
-//! Not included: the magnetising current `|u|^2/x` is part of the static load (`composed::motor`), so its
-//! change with `1/f` is not there.
+//! (3) is the magnetising current, whose reactance goes with the frequency as well. At nominal frequency its
+//! `|u|^2/x` is part of the static load (`composed::motor`), and `m` is the motors' share of P0 over their `x`: 0.2 for
+//! half a load of motors with a magnetising reactance of 2.5. Without it a static dependence, which has a
+//! coefficient for Q, follows such motors better than this effect does.
 //!
 //! The plain path of `identification` knows an effect under this name that scales active power only,
 //! with `c = 1` fixed.
 //!
 //! Source: (1) the stator of Kundur, "Power System Stability and Control", 7.2, with the frequency kept
 //! in the speed voltages; (2) kinematics. Checked on sites of another simulator, whose motors follow (1)
-//! with c about 1 and (2) with D between 0.5 and 1 (docs/validation.md). Valid for slow changes of
+//! with c about 1 and (2) with D between 0.5 and 1 (docs/validation.md), (3) on the truth generator's. Valid for slow changes of
 //! frequency.
 
 use crate::{
     load_model::{
-        composed::{FrequencyCourse, Seen},
+        composed::{FrequencyCourse, Instant, Rest, Seen},
         effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Prior, Scale},
     },
     numerics::Elementary,
@@ -50,7 +53,7 @@ const DECLARATION: Declaration = Declaration {
     name: "frequency_scaled_power",
     title: "Motors at another frequency than nominal",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter {
             prior: Prior {
@@ -61,9 +64,17 @@ const DECLARATION: Declaration = Declaration {
             ..Parameter::two_sided(["coefficient", "c", "1"], [-0.5, 1.0, 2.0, 0.3])
         },
         Parameter::two_sided(["reference_share", "D", "1"], [-1.5, 0.0, 1.5, 0.3]),
+        Parameter {
+            prior: Prior {
+                centre: 0.2,
+                deviation: 0.1,
+                scale: Scale::Linear,
+            },
+            ..Parameter::two_sided(["magnetising", "m", "1"], [-0.5, 0.2, 1.0, 0.1])
+        },
     ],
     states: &[],
-    acts_on: &[Place::MotorFrequency],
+    acts_on: &[Place::MotorFrequency, Place::Power],
     excludes: &[],
     resembles: &["static_frequency_dependence", "speed_dependent_torque"],
     needs: Needs {
@@ -105,6 +116,11 @@ impl<S: Elementary> Equations<S> for FrequencyScaledPower {
             at.turn_rad = at.turn_rad + p[1] * angle; // (2)
             before = Some((time_s, mean));
         }
+    }
+
+    fn power(&self, p: &[S], _x: &[S], at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
+        let square = at.voltage * at.voltage;
+        [S::constant(0.0), -(p[2] * at.frequency_deviation * square)] // (3)
     }
 }
 
@@ -166,7 +182,7 @@ mod tests {
         let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
         let model = ComposedModel::new(&structure);
         let mut p = model.typical();
-        p[3..].copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]);
+        p[3..].copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
         let course: Vec<f64> = (input.output_points().iter())
             .map(|i| {
                 if (*i as f64) < 0.2 * 60.0 * 16.0 {
@@ -185,6 +201,12 @@ mod tests {
             "{}",
             out.active[last]
         );
+        // (3) adds 0.2/120 to Q.
+        *p.last_mut().unwrap() = 0.2;
+        let magnetised = model.simulate(&p, &[], &drive).unwrap();
+        assert_eq!(magnetised.active, out.active);
+        let added = magnetised.reactive[last] - out.reactive[last];
+        assert!((added + 0.2 * df).abs() < 1e-12, "{added}");
     }
 
     #[test]
@@ -204,14 +226,14 @@ mod tests {
         let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
         let model = ComposedModel::new(&structure);
         let mut p = model.typical();
-        let last = p.len() - 2;
+        let last = p.len() - 3;
         let of = |p: &[f64], terminal| {
             let drive = Drive::new(terminal, &course, 0.3);
             model.simulate(p, &[], &drive).unwrap().active
         };
-        p[last..].copy_from_slice(&[0.0, 1.0]);
+        p[last..].copy_from_slice(&[0.0, 1.0, 0.0]);
         let with = of(&p, &still);
-        p[last..].copy_from_slice(&[0.0, 0.0]);
+        p[last..].copy_from_slice(&[0.0, 0.0, 0.0]);
         let without = of(&p, &turning);
         for (x, y) in with.iter().zip(&without) {
             // The mean rounds the corners of the ramp.

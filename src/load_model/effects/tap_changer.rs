@@ -82,16 +82,14 @@ impl Declared for TapChanger {
     }
 
     fn screened_at(&self) -> &'static [f64] {
-        &[0.006_25, 0.0125]
+        &[0.004, 0.006_25, 0.009, 0.0135, 0.02]
     }
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
-        for half_band in [0.006, 0.01, 0.016] {
-            for delay_s in [1.5_f64, 3.0, 8.0, 30.0] {
-                for share in [0.4, 1.0, 1.5] {
-                    points.push(vec![half_band, delay_s, (share * delay_s).min(8.0)]);
-                }
+        for delay_s in [1.5_f64, 3.0, 5.0, 8.0, 15.0, 30.0] {
+            for share in [0.4, 1.0, 1.5] {
+                points.push(vec![0.01, delay_s, (share * delay_s).min(8.0)]);
             }
         }
         points
