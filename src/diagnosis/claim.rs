@@ -38,11 +38,15 @@ impl Evidence {
         self.runner_up <= options.distinct_runner_up
     }
 
-    /// Whether the model follows the events, the held-out ones too, as well as the noise allows
-    /// already.
-    fn at_floor(&self, options: &ClaimOptions) -> bool {
+    /// Whether the model follows the events already, the held-out ones too.
+    fn is_followed(&self, options: &ClaimOptions) -> bool {
         let adequate = |g: GateEvidence| is_adequate(g.before, options);
-        self.chi_square_before <= options.floor && self.gate.is_none_or(adequate)
+        is_adequate(self.chi_square_before, options) && self.gate.is_none_or(adequate)
+    }
+
+    /// Whether it does as well as the noise allows.
+    fn at_floor(&self, options: &ClaimOptions) -> bool {
+        self.chi_square_before <= options.floor && self.is_followed(options)
     }
 
     /// Whether the held-out events have nothing to show: they are followed already, while the fitted ones
@@ -91,10 +95,11 @@ fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
     }
 }
 
-/// The same of the held-out events. An effect that stands out at the floor needs less there too.
+/// The same of the held-out events. Where they are followed, an effect that stands out needs no more there
+/// than of the fitted ones.
 fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
-    if evidence.at_floor(options) && evidence.stands_out(options) {
-        options.distinct_fall_min
+    if evidence.is_followed(options) && evidence.stands_out(options) {
+        needed_fall(evidence, options)
     } else {
         options.held_out_fall_min
     }
@@ -290,6 +295,18 @@ mod tests {
             ..small.clone()
         };
         assert!(objections(&alone, &options).is_empty());
+        // Above the floor it needs no more of the held-out events than of the fitted ones, ...
+        let above = Evidence {
+            chi_square_before: 0.72,
+            chi_square_after: 0.67,
+            ..alone.clone()
+        };
+        assert!(objections(&above, &options).is_empty());
+        let beside_others = Evidence {
+            runner_up: 0.9,
+            ..above
+        };
+        assert_eq!(objections(&beside_others, &options).len(), 1);
         // Where the held-out events are not followed, the model is not at the floor.
         let gate = Some(GateEvidence {
             before: 1.6,

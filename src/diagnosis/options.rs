@@ -47,7 +47,8 @@ pub struct ClaimOptions {
     pub fall_min_at_floor: f64,
     /// An effect stands out where every other one gains at most this share of what it gains ...
     pub distinct_runner_up: f64,
-    /// ... and then needs this share only, of the fitted and of the held-out events, at the floor.
+    /// ... and then needs this share only, of the fitted and of the held-out events, at the floor (above it, where
+    /// the events are followed, `fall_min` of either).
     pub distinct_fall_min: f64,
     /// Where the held-out events are followed already and the fitted ones are not, an effect may leave at
     /// most this share of what is above the floor.

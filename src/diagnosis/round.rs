@@ -3,6 +3,7 @@
 use super::{
     case::Case,
     claim::{ADEQUATE_FLOORS, Evidence, answer_set, decisive, objections, reaches},
+    departures::departures,
     outcome::Status,
     trials::{Fitted, Trial, addable, trials},
 };
@@ -268,6 +269,10 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
             "one event cannot show whether what explains it holds for others".to_owned(),
         )
     } else if chi_square < ADEQUATE_FLOORS * options.floor {
+        let departures = departures(case, &base.baseline.all);
+        if !departures.is_empty() {
+            return unknown_where(case, chi_square, departures);
+        }
         (
             Status::Adequate,
             format!(
@@ -288,6 +293,22 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
         status,
         answer: Vec::new(),
         reasons: vec![reason],
+        second: None,
+    }
+}
+
+/// The misfit says adequate, but some events depart from the model for a while.
+fn unknown_where(case: &Case<'_>, chi_square: f64, departures: Vec<String>) -> Decision {
+    let mut reasons = vec![format!(
+        "the misfit is {chi_square:.2} per sample, but {} of {} events depart from the model for a while, and no effect of the catalogue explains it",
+        departures.len(),
+        case.judged.len()
+    )];
+    reasons.extend(departures);
+    Decision {
+        status: Status::UnknownEffect,
+        answer: Vec::new(),
+        reasons,
         second: None,
     }
 }

@@ -139,6 +139,22 @@ fn nothing_is_named_where_nothing_is_hidden() {
 }
 
 #[test]
+fn a_load_that_leaves_for_a_while_now_and_then_is_unknown_however_small_the_misfit() {
+    let (site, mut windows) = site(&[], 1);
+    for window in windows.iter_mut().step_by(2) {
+        let before = window.record.samples[0].active_pu;
+        // From one second after the onset, for 0.3 s.
+        for sample in &mut window.record.samples[window.onset + 30..window.onset + 39] {
+            sample.active_pu -= 0.015 * before;
+        }
+    }
+    let found = diagnose(&site, &windows, &plain(), &options(), &|_| (), &|| false).unwrap();
+    assert_eq!(found.status, Status::UnknownEffect, "{:?}", found.reasons);
+    let told = |event: &str| found.reasons.iter().any(|r| r.starts_with(event));
+    assert!(told("event_01") && !told("event_02"), "{:?}", found.reasons);
+}
+
+#[test]
 fn a_load_that_disconnects_itself_is_named() {
     named(Effect::SelfDisconnection, 3);
 }

@@ -1,8 +1,11 @@
 //! Everything about one event.
 
 use super::{
-    Channel, EventFailure, EventSeries, Segment, cross_correlation::cross_correlation,
-    dependence::dependences, segments, sentence::sentence,
+    Channel, EventFailure, EventSeries, Segment,
+    cross_correlation::cross_correlation,
+    dependence::dependences,
+    segments,
+    sentence::{gravest, sentence},
 };
 use crate::identification::{evaluate::Curves, intake::PreparedEvent};
 
@@ -12,6 +15,15 @@ use crate::identification::{evaluate::Curves, intake::PreparedEvent};
 #[must_use]
 pub fn failure(event: &PreparedEvent, curves: &Curves) -> EventFailure {
     failure_of_series(&event.id, EventSeries::new(event, curves))
+}
+
+/// Where an event departs from `curves` so far and so long that it is no noise, in words; none where it does
+/// not. Looked for away from the voltage's edges.
+#[must_use]
+pub fn departure(event: &PreparedEvent, curves: &Curves) -> Option<String> {
+    let series = EventSeries::new(event, curves);
+    let clearing_s = segments::clearing_s(&series);
+    gravest(&series, clearing_s)
 }
 
 /// The same from samples that are side by side already.

@@ -14,7 +14,7 @@ mod series;
 #[cfg(test)]
 mod tests;
 
-pub use failure::{failure, failure_of_series};
+pub use failure::{departure, failure, failure_of_series};
 pub use segments::pooled;
 pub use series::{ChannelSeries, EventSeries};
 

@@ -14,6 +14,11 @@ const NOISES_MIN: f64 = 1.0;
 /// Error over noise above which an event whose stretches are all in order fails at its edges.
 const EDGE_ERROR_MIN: f64 = 1.5;
 
+/// Noises from which a mean over a stretch is grave ...
+const GRAVE_NOISES: f64 = 4.0;
+/// ... where it lasts so long, s.
+const GRAVE_LASTS_S: f64 = 0.1;
+
 /// A stretch over which the measurement lies to one side of the model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Stretch {
@@ -37,10 +42,7 @@ pub(super) fn sentence(
 ) -> String {
     let [p, q] = [Channel::Active, Channel::Reactive]
         .map(|channel| (channel, worst_stretch(series, channel, clearing_s)));
-    let end_s = series
-        .time_s
-        .last()
-        .map_or(0.0, |last| last - series.interval_s());
+    let end_s = series.end_s();
     let tell = |channel: Channel, stretch: &Stretch| told(channel, stretch, clearing_s, end_s);
     let words = match (p, q) {
         ((_, None), (_, None)) if error_to_noise > EDGE_ERROR_MIN => format!(
@@ -59,6 +61,17 @@ pub(super) fn sentence(
         }
     };
     capitalised(&words)
+}
+
+/// The gravest stretch of an event in words; none where no channel has one.
+pub(super) fn gravest(series: &EventSeries, clearing_s: Option<f64>) -> Option<String> {
+    let stretch = |channel| Some((channel, worst_stretch(series, channel, clearing_s)?));
+    let (channel, gravest) = [Channel::Active, Channel::Reactive]
+        .into_iter()
+        .filter_map(stretch)
+        .filter(|(_, s)| s.to_noise >= GRAVE_NOISES && s.end_s - s.begin_s >= GRAVE_LASTS_S)
+        .max_by(|a, b| a.1.to_noise.total_cmp(&b.1.to_noise))?;
+    Some(told(channel, &gravest, clearing_s, series.end_s()))
 }
 
 fn told(channel: Channel, stretch: &Stretch, clearing_s: Option<f64>, end_s: f64) -> String {

@@ -104,6 +104,12 @@ impl EventSeries {
         }
     }
 
+    /// What a stretch that lasts to the end reaches, s since the onset.
+    pub(super) fn end_s(&self) -> f64 {
+        let last = self.time_s.last();
+        last.map_or(0.0, |last| last - self.interval_s())
+    }
+
     /// First sample of the event part.
     #[must_use]
     pub fn onset(&self) -> usize {

@@ -129,6 +129,29 @@ fn the_sentence_names_stretch_size_and_noise() {
 }
 
 #[test]
+fn what_is_grave_is_many_times_the_noise_and_lasts() {
+    let gravest = |size: f64, lasts_s: f64| {
+        let missed = |t: f64| {
+            if (0.65..0.65 + lasts_s).contains(&t) {
+                size
+            } else {
+                0.0
+            }
+        };
+        let series = event(dip, missed);
+        super::sentence::gravest(&series, clearing_s(&series))
+    };
+    let told = gravest(-0.006, 0.5).unwrap();
+    assert!(
+        told.contains("P is 0.6") && told.contains("below"),
+        "{told}"
+    );
+    assert_eq!(gravest(-0.006, 0.05), None);
+    assert_eq!(gravest(-0.003, 0.5), None);
+    assert_eq!(gravest(0.0, 0.5), None);
+}
+
+#[test]
 fn a_failure_within_the_dip_is_told_from_the_onset() {
     let missed = |t: f64| {
         if (0.05..0.25).contains(&t) {

@@ -59,6 +59,14 @@ impl EventCovariance {
         whitened.norm_squared() - cross.dot(&self.factor.solve(&cross))
     }
 
+    /// The part of a residual that what varies from event to event most probably is:
+    /// `B (I + B' W B)^-1 B' W r`, its conditional mean.
+    pub(super) fn varying(&self, residual: &DVector<f64>) -> DVector<f64> {
+        let whitened = residual.component_mul(&self.root_weights);
+        let amounts = self.factor.solve(&self.basis.tr_mul(&whitened));
+        (&self.basis * amounts).component_div(&self.root_weights)
+    }
+
     /// Logarithm of `det(I + B' W B)`: what the random effects add to the log determinant.
     pub(super) fn log_determinant(&self) -> f64 {
         2.0 * self
@@ -90,6 +98,9 @@ mod tests {
         assert!((covariance.gram(&rows) - &expected).amax() < 1e-12);
         let residual: DVector<f64> = rows.column(1).into_owned();
         assert!((covariance.square(&residual) - expected[(1, 1)]).abs() < 1e-12);
+        let noise = DVector::from_vec(deviations.map(|d| d * d).to_vec());
+        let varying = &residual - noise.component_mul(&(&inverse * &residual));
+        assert!((covariance.varying(&residual) - varying).amax() < 1e-12);
         let weights: f64 = deviations.iter().map(|d| 2.0 * d.ln()).sum();
         let log_determinant = full.determinant().ln() - weights;
         assert!((covariance.log_determinant() - log_determinant).abs() < 1e-12);

@@ -12,7 +12,7 @@ use super::{
     rows::{EventRows, LINEAR_COUNT, Scatter, random_effects},
 };
 use crate::{
-    identification::intake::PreparedEvent,
+    identification::{evaluate::Curves, intake::PreparedEvent},
     load_model::composed::ComposedModel,
     numerics::{LocalSolution, Objective, local_solver},
 };
@@ -445,6 +445,18 @@ impl<'a> Place<'a> {
         };
         Some((fit, problem.into_lowest()))
     }
+}
+
+/// What a fit makes of an event with the composition that the event most probably has: what is left beside the
+/// measurement is noise, or something missing. Not a number at samples that are not used; `None` when
+/// it cannot be simulated.
+#[must_use]
+pub fn with_own_composition(
+    event: &PreparedEvent,
+    fit: &ComposedFit,
+    scatter: &Scatter,
+) -> Option<Curves> {
+    EventRows::new(event).with_own_composition(&fit.model, &fit.parameters, scatter)
 }
 
 /// `r' Sigma^-1 r` of every event under given parameters, what varies from event to event

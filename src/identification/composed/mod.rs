@@ -24,7 +24,7 @@ mod tests;
 pub use baseline::{Baseline, baseline};
 pub use coordinates::Coordinates;
 pub use extend::{Ground, Screened, refine};
-pub use fit::{ComposedFit, ComposedFitOptions, fit, squares};
+pub use fit::{ComposedFit, ComposedFitOptions, fit, squares, with_own_composition};
 pub use model::ComposedLoad;
 pub use narrowed::narrowed;
 pub use relay_walk::with_levels_of;

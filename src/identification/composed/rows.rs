@@ -7,7 +7,7 @@ use super::{
     operating_point::{at_operating_point, load_exponents},
 };
 use crate::{
-    identification::{intake::PreparedEvent, joint_problem::ProblemOptions},
+    identification::{evaluate::Curves, intake::PreparedEvent, joint_problem::ProblemOptions},
     load_model::{
         composed::{Accuracy, ComposedModel, Drive, MotorCourse, Response, SimulationError},
         effect::{Place, Role},
@@ -257,6 +257,31 @@ impl<'a> EventRows<'a> {
         columns.set_column(random.len(), &(self.stacked(&one, &none) * offset));
         columns.set_column(random.len() + 1, &(self.stacked(&none, &one) * offset));
         EventCovariance::new(&self.deviations, &columns)
+    }
+
+    /// What the model answers to the event with the composition that the event most probably has; not a
+    /// number at samples that are not used. `None` when it cannot be simulated.
+    pub(super) fn with_own_composition(
+        &self,
+        model: &ComposedModel,
+        parameters: &[f64],
+        scatter: &Scatter,
+    ) -> Option<Curves> {
+        let covariance = self.covariance(model, parameters, scatter).ok()??;
+        let residual = self.residual(model, parameters).ok()?;
+        let modelled = &self.measured - &residual + covariance.varying(&residual);
+        let channel = |rows: &[f64]| {
+            let mut values = vec![f64::NAN; self.event.len()];
+            for (&k, row) in self.used.iter().zip(rows) {
+                values[k] = *row;
+            }
+            values
+        };
+        let (active, reactive) = modelled.as_slice().split_at(self.used.len());
+        Some(Curves {
+            active: channel(active),
+            reactive: channel(reactive),
+        })
     }
 
     /// P and Q at the output instants as the instrument reports them, at the used samples.
