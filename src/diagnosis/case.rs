@@ -112,8 +112,16 @@ impl<'a> Case<'a> {
     }
 
     /// Untouched events that the structure at the start has no response in are refused with the
-    /// reason: no later structure is quoted on others.
-    pub(super) fn refuse_without_response(&mut self, base: &Baseline) {
+    /// reason: no later structure is quoted on others. Gating events in which what was fitted without
+    /// them has none are fitted instead: the more is missing, the more tells such an event.
+    ///
+    /// # Errors
+    ///
+    /// [`IdentificationError`] when the fit without the gate fails.
+    pub(super) fn settle_events_without_response(
+        &mut self,
+        base: &Baseline,
+    ) -> Result<(), IdentificationError> {
         let model = load(&base.structure, &base.all);
         for event in std::mem::take(&mut self.untouched) {
             match model.curves(&align(&model, &event)) {
@@ -124,6 +132,20 @@ impl<'a> Case<'a> {
                 )),
             }
         }
+        while self.has_gate() {
+            let model = load(&base.structure, &self.narrowed_without_gate(&base.all)?);
+            let silent = |(event, gates): (&PreparedEvent, &bool)| {
+                *gates && model.curves(&align(&model, event)).is_err()
+            };
+            let silent: Vec<bool> = self.judged.iter().zip(&self.gates).map(silent).collect();
+            if !silent.contains(&true) {
+                break;
+            }
+            for (gates, silent) in self.gates.iter_mut().zip(silent) {
+                *gates &= !silent;
+            }
+        }
+        Ok(())
     }
 
     /// Events by use.
@@ -244,13 +266,17 @@ impl<'a> Case<'a> {
     }
 
     /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
-    /// been fitted. `None` when it cannot be simulated there.
+    /// been fitted; but for what events only bracket. `None` when it cannot be simulated there.
     fn without_gate(&self, fit: &ComposedFit, options: &ComposedFitOptions) -> Option<ComposedFit> {
+        let bracketed = |index: &usize| composed::is_bracketed(&fit.model.parameters()[*index]);
+        let free: Vec<usize> = (fit.free.iter().copied())
+            .filter(|index| !bracketed(index))
+            .collect();
         composed::fit(
             &self.part(false),
             &fit.model,
             &fit.parameters,
-            &fit.free,
+            &free,
             options,
             self.watcher.cancel,
         )

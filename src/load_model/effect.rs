@@ -5,7 +5,7 @@
 //! and search read them from there. Its equations act at the places of [`Equations`], in this order:
 //!
 //! ```text
-//! measured phasor u -> gain (tap changer, angle of a late frequency channel) -> feeder -> load
+//! measured phasor u -> gain (angle of a late frequency channel) -> feeder -> taps (tap changer) -> load
 //! load: motor (its constants changed by the effect), static part, power added by the effect
 //! load -> feeder losses -> power at the measured bus -> instrument -> measured series
 //! ```
@@ -304,8 +304,10 @@ pub enum Place {
     Motor,
     /// [`Equations::feeder`].
     Feeder,
-    /// [`Equations::gain`].
+    /// [`Equations::gain`], in front of the feeder.
     Gain,
+    /// [`Equations::gain`], of an ideal transformer behind the feeder.
+    Taps,
     /// [`Equations::frequency`].
     Frequency,
     /// [`Equations::motor_frequency`].
@@ -552,6 +554,18 @@ pub trait Declared: Debug + Send + Sync {
     /// derivative at the neutral value serves.
     fn screened_at(&self) -> &'static [f64] {
         &[]
+    }
+
+    /// Names of shapes that decide how often something happens in an event, not how: another event is foretold
+    /// by them to a step. What is judged without an event has them as with it.
+    fn bracketed(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// Other values of the effect's parameters that do nearly the same, with a hill between: a fit that has
+    /// ended at `_values` goes on from them. None for most effects.
+    fn mistaken_for(&self, _values: &[f64]) -> Vec<Vec<f64>> {
+        Vec::new()
     }
 
     /// Names of an amplitude and of a shape `e`, where the amplitude of an event with the active power P0

@@ -20,7 +20,7 @@ use loadmodeld::{
     disturbance::{ScreeningOptions, Window, screen},
     load_model::effects,
     measurement::Site,
-    truth::{Effect, StudyShape, study_site},
+    truth::{Effect, StudyShape, SyntheticSite, study_site},
 };
 
 /// What a site has besides what is hidden; naming it is right.
@@ -56,16 +56,18 @@ fn site(effects: &[Effect], number: u64) -> (Site, Vec<Window>) {
         ..StudyShape::default()
     };
     let made = study_site(7, number, &shape).unwrap();
-    let site = made.options.site.clone();
+    (made.options.site.clone(), windows(&made))
+}
+
+fn windows(made: &SyntheticSite) -> Vec<Window> {
     let numbered = made.records.iter().zip(1..);
-    let windows = numbered
-        .map(|(record, number)| Window {
-            id: format!("event_{number:02}"),
-            ..site_folder::window(&site, record)
-        })
-        .filter(|window| screen(window, &ScreeningOptions::default()).usable());
-    let windows = windows.collect();
-    (site, windows)
+    let windows = numbered.map(|(record, number)| Window {
+        id: format!("event_{number:02}"),
+        ..site_folder::window(&made.options.site, record)
+    });
+    windows
+        .filter(|window| screen(window, &ScreeningOptions::default()).usable())
+        .collect()
 }
 
 fn plain() -> Vec<String> {
@@ -227,6 +229,52 @@ fn the_same_events_give_the_same_diagnosis_in_any_order_and_on_any_number_of_thr
         .unwrap();
     let backward = one_thread.install(|| judge(&windows));
     assert_eq!(format!("{forward:?}"), format!("{backward:?}"));
+}
+
+#[test]
+fn a_gating_event_in_which_the_plain_model_stalls_is_fitted_instead() {
+    // Fitted without one of these events the plain motor is so near its pull-out that it has no steady
+    // state at that event's lower voltage.
+    let number = Effect::ALL
+        .iter()
+        .position(|e| *e == Effect::DischargeLighting);
+    let shape = StudyShape {
+        effects: vec![Effect::DischargeLighting],
+        events: 12,
+        noise: 0.0005,
+        rate_fps: 60.0,
+        composition_spread: 0.005,
+        ..StudyShape::default()
+    };
+    let made = study_site(9019, 1000 * number.unwrap() as u64 + 1, &shape).unwrap();
+    let windows = windows(&made);
+    let none: Vec<String> = (effects::catalogue().iter())
+        .map(|e| e.declaration().name.to_owned())
+        .collect();
+    let options = DiagnosisOptions {
+        excluded: none,
+        ..DiagnosisOptions::default()
+    };
+    let change = Change::ByHand {
+        add: Vec::new(),
+        remove: Vec::new(),
+    };
+    let site = &made.options.site;
+    let found = improve(
+        site,
+        &windows,
+        &plain(),
+        &change,
+        &options,
+        &|_| (),
+        &|| false,
+    );
+    let found = found.unwrap();
+    assert_eq!(found.last.status, Status::UnknownEffect);
+    let events = &found.last.events;
+    let all = events.fit.len() + events.gate.len() + events.untouched.len();
+    assert_eq!(all, windows.len(), "{events:?}");
+    assert!(quoted_errors(&found)[0] > 10.0);
 }
 
 #[test]

@@ -52,6 +52,8 @@ const VISIBILITY_MIN: f64 = 1e-4;
 /// What leaves more than this per row is simulated roughly: there effects are looked for and fitted by
 /// what is far greater.
 const ROUGH_ABOVE: f64 = 4.0;
+/// What an effect is mistaken for is taken where that is better by this much.
+const MISTAKEN_GAIN: f64 = 1.0;
 /// Starts from one origin that leave the same to this share are one.
 const SAME_LEFT: f64 = 1e-4;
 
@@ -213,9 +215,19 @@ impl<'a> Ground<'a> {
         let promising = screened.candidates.iter().filter(|(_, c)| promises(c));
         let mut promising: Vec<(usize, Candidate)> = promising.cloned().collect();
         promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
+        // Small steps that come often stand in for large ones that come seldom: each size has a start.
+        let mut seen: Vec<(usize, f64)> = Vec::new();
+        promising.retain(|(number, candidate)| {
+            candidate.size.is_none_or(|size| {
+                let new = !seen.contains(&(*number, size));
+                seen.push((*number, size));
+                new
+            })
+        });
         let left = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
         let mut staged: Vec<(usize, ComposedFit)> = Vec::new();
-        let starts = STARTS + usize::from(self.unfitted.is_some());
+        let sizes = screened.effect.screened_at().len();
+        let starts = STARTS.max(sizes) + usize::from(self.unfitted.is_some());
         for (number, candidate) in distinct(promising, starts) {
             let Some(base) = &self.origins[number].1 else {
                 continue;
@@ -259,7 +271,8 @@ impl<'a> Ground<'a> {
             Some((handicap * evidence(&fit), fit))
         });
         let best = fits.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map(|(_, fit)| fit)
+        let (_, fit) = best?;
+        Some(self.step(near.first()?.0, screened).mistaken(fit))
     }
 
     /// A refit once more, from its end.
@@ -512,6 +525,29 @@ impl Step<'_> {
         free.extend(amplitudes);
         free.sort_unstable();
         self.fit(&from, &free)
+    }
+
+    /// Goes over to what the effect is mistaken for as long as that is better.
+    fn mistaken(&self, fit: ComposedFit) -> ComposedFit {
+        let own = self.own(|_| true);
+        let mut best = fit;
+        loop {
+            let values: Vec<f64> = own.iter().map(|&index| best.parameters[index]).collect();
+            let others = self.effect.mistaken_for(&values).into_iter();
+            let begun = others.filter_map(|values| {
+                let mut from = best.parameters.clone();
+                for (&index, value) in own.iter().zip(values) {
+                    let declared = &self.model.parameters()[index].declaration;
+                    from[index] = value.clamp(declared.lower, declared.upper);
+                }
+                self.fit(&from, &self.all())
+            });
+            let least = begun.min_by(|a, b| evidence(a).total_cmp(&evidence(b)));
+            match least.filter(|other| evidence(other) < evidence(&best) - MISTAKEN_GAIN) {
+                Some(other) => best = other,
+                None => return best,
+            }
+        }
     }
 
     fn fit(&self, from: &[f64], free: &[usize]) -> Option<ComposedFit> {

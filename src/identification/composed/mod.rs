@@ -27,6 +27,6 @@ pub use extend::{Ground, Screened, refine};
 pub use fit::{ComposedFit, ComposedFitOptions, fit, squares, with_own_composition};
 pub use model::ComposedLoad;
 pub use narrowed::narrowed;
-pub use relay_walk::with_levels_of;
+pub use relay_walk::{is_bracketed, with_levels_of};
 pub use rows::Scatter;
 pub use screening::Score;

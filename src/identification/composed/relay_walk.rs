@@ -114,6 +114,14 @@ pub fn with_levels_of(
     (held.free.len() < fit.free.len()).then_some(held)
 }
 
+/// Whether events say of a parameter no more than between which two of them it lies, without saying where
+/// ([`Declared::bracketed`](crate::load_model::effect::Declared::bracketed)).
+#[must_use]
+pub fn is_bracketed(parameter: &ModelParameter) -> bool {
+    let effect = parameter.effect.and_then(effects::find);
+    effect.is_some_and(|e| e.bracketed().contains(&parameter.declaration.name))
+}
+
 /// Whether a parameter is a voltage or a delay of an effect that has a threshold, or that goes in steps.
 fn is_setting(parameter: &ModelParameter) -> bool {
     let declared = &parameter.declaration;

@@ -120,7 +120,12 @@ impl ComposedModel {
     }
 
     pub(super) fn sees_the_measured_phasor(&self, acting: &[usize]) -> bool {
-        let others = [Place::Feeder, Place::Gain, Place::MotorFrequency];
+        let others = [
+            Place::Feeder,
+            Place::Gain,
+            Place::Taps,
+            Place::MotorFrequency,
+        ];
         let acts = |e: &usize| {
             let declaration = self.effects[*e].0.declaration();
             others.iter().any(|place| declaration.acts_on(*place))

@@ -56,8 +56,21 @@ impl<S: Pass> Acting<'_, '_, S> {
 /// The effects of a pass by the place where they act.
 struct Places<'r, 'a, S> {
     gain: Vec<&'r Acting<'r, 'a, S>>,
+    taps: Vec<&'r Acting<'r, 'a, S>>,
     power: Vec<&'r Acting<'r, 'a, S>>,
     states: Vec<&'r Acting<'r, 'a, S>>,
+}
+
+/// What some effects make of the phasor together.
+fn product<S: Pass>(effects: &[&Acting<'_, '_, S>], now: &Now<S>, at: Moment<S>) -> [S; 2] {
+    let none = [S::constant(1.0), S::constant(0.0)];
+    effects.iter().fold(none, |product, e| {
+        let own = e.own(&now.effects);
+        let gain = e
+            .equations()
+            .gain(e.parameters(), own, at.deviation, &e.rest);
+        complex::product(product, gain)
+    })
 }
 
 /// All that stays the same during a pass.
@@ -148,13 +161,14 @@ pub(super) fn run<S: Pass>(
     let mut simulation = Simulation {
         drive,
         time_s: &grid.time_s,
-        coupled: network.is_some() || at(Place::Gain).next().is_some(),
+        coupled: network.is_some() || at(Place::Gain).chain(at(Place::Taps)).next().is_some(),
         network,
         seen: seen(drive, grid, &frequency, effects),
         rest,
         linear,
         places: Places {
             gain: at(Place::Gain).collect(),
+            taps: at(Place::Taps).collect(),
             power: at(Place::Power).collect(),
             states: at(Place::States).collect(),
         },
@@ -395,7 +409,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             std::mem::swap(&mut now.solutions, &mut trial.solutions);
             (first, last)
         } else {
-            (self.gain(now, from), self.gain(now, to))
+            (self.gains(now, from), self.gains(now, to))
         };
         let middle = [(first[0] + last[0]) * 0.5, (first[1] + last[1]) * 0.5];
         let ratios = [first, middle, last];
@@ -460,38 +474,34 @@ impl<S: Pass> Simulation<'_, '_, S> {
     fn ratio(&self, now: &mut Now<S>, u: [S; 2], at: Moment<S>) -> Result<[S; 2], SimulationError> {
         // Below this the phasor has no direction to turn.
         const MODULUS_MIN: f64 = 1e-6;
-        let gain = self.gain(now, at);
         let Some(network) = &self.network else {
-            return Ok(gain);
+            return Ok(self.gains(now, at));
         };
         if complex::modulus(u).value() < MODULUS_MIN {
             return Ok(now.ratio);
         }
-        let sent = complex::product(u, gain);
-        let load = |own: [S; 2]| self.load_power(now, own, at);
-        let (solution, own) = if let Some(known) = self.known.get(now.solutions.len()) {
+        let sent = complex::product(u, product(&self.places.gain, now, at));
+        let taps = product(&self.places.taps, now, at);
+        // Behind the feeder an ideal transformer: its power is the load's.
+        let load = |behind: [S; 2]| self.load_power(now, complex::product(behind, taps), at);
+        let (solution, behind) = if let Some(known) = self.known.get(now.solutions.len()) {
             (*known, network.known(sent, known, load))
         } else {
-            let guess = complex::product(u.map(S::value), now.ratio.map(S::value));
+            let own = complex::product(u.map(S::value), now.ratio.map(S::value));
+            let guess = complex::quotient(own, taps.map(S::value));
             let mut secant = now.secant;
             let found = network.solve(sent, guess, &mut secant, load);
             now.secant = secant;
             found.ok_or(SimulationError::NoLoadVoltage { output: at.index })?
         };
         now.solutions.push(solution);
-        Ok(complex::quotient(own, u))
+        Ok(complex::quotient(complex::product(behind, taps), u))
     }
 
-    /// What tap changers and the like make of the phasor.
-    fn gain(&self, now: &Now<S>, at: Moment<S>) -> [S; 2] {
-        let none = [S::constant(1.0), S::constant(0.0)];
-        self.places.gain.iter().fold(none, |product, e| {
-            let own = e.own(&now.effects);
-            let gain = e
-                .equations()
-                .gain(e.parameters(), own, at.deviation, &e.rest);
-            complex::product(product, gain)
-        })
+    /// All factors on the phasor.
+    fn gains(&self, now: &Now<S>, at: Moment<S>) -> [S; 2] {
+        let [gain, taps] = [&self.places.gain, &self.places.taps].map(|of| product(of, now, at));
+        complex::product(gain, taps)
     }
 
     fn emit(
@@ -508,7 +518,9 @@ impl<S: Pass> Simulation<'_, '_, S> {
             let own = complex::product(u, now.ratio);
             let load = self.load_power(now, own, at);
             self.network.as_ref().map_or(load, |network| {
-                network.power(complex::product(u, self.gain(now, at)), own, load)
+                let sent = complex::product(u, product(&self.places.gain, now, at));
+                let taps = product(&self.places.taps, now, at);
+                network.power(sent, complex::quotient(own, taps), load)
             })
         } else {
             let voltage = S::constant(grid.voltage[index]);

@@ -9,12 +9,12 @@
 //! With `g(v)` 1 above `V_a` and falling straight to 0 at `V_a - s`, `m` the lit share:
 //!
 //! ```text
-//! m  = lowest g so far, back to 1 when v > V_a has lasted T                        (1)
-//! dP = F (l v - 1),   dQ = t F (l v^4.5 - 1),   l = min(g, m)                      (2)
+//! m  = lowest g so far, back to 1 over T_l from when v > V_a has lasted T          (1)
+//! dP = F (l v^a - 1),   dQ = t F (l v^b - 1),   l = min(g, m)                      (2)
 //! ```
 //!
 //! Source: P ~ v, Q ~ v^4.5, going out between .75-.8 and .65-.7: the discharge lighting of PSS/E's CLOD
-//! (from memory, not verified); restrike (1) chosen here.
+//! (from memory, not verified); that kinds of lamps differ a little from these exponents, and restrike (1), chosen here.
 
 use super::relay;
 use crate::{
@@ -35,23 +35,22 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DischargeLighting;
 
-/// Time over which the lamps light up again, s.
-const LIGHTING_S: f64 = 0.2;
-const REACTIVE_EXPONENT: f64 = 4.5;
-
 const DECLARATION: Declaration = Declaration {
     name: "discharge_lighting",
     title: "Discharge lighting that goes out",
     kind: Kind::Physics,
-    version: 2,
+    version: 3,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.03]),
         Parameter::shape(["first_voltage", "V_a", "pu"], [0.55, 0.8, 0.95], 0.06)
             .with_reference(Reference::Voltage),
         Parameter::shape(["span", "s", "pu"], [0.02, 0.12, 0.3], 0.06)
             .with_reference(Reference::Voltage),
-        Parameter::positive_shape(["restrike_s", "T", "s"], [0.05, 100.0, 1000.0], 3.0),
+        Parameter::positive_shape(["restrike_s", "T", "s"], [0.4, 100.0, 1000.0], 3.0),
         Parameter::shape(["reactive_ratio", "t", "1"], [0.0, 0.5, 1.2], 0.2),
+        Parameter::positive_shape(["lighting_s", "T_l", "s"], [0.04, 0.2, 3.0], 0.7),
+        Parameter::shape(["active_exponent", "a", "1"], [0.7, 1.0, 1.3], 0.1),
+        Parameter::shape(["reactive_exponent", "b", "1"], [3.5, 4.5, 5.5], 0.4),
     ],
     states: &[
         State {
@@ -87,15 +86,15 @@ impl Declared for DischargeLighting {
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
         for span in [0.05, 0.14] {
-            for restrike_s in [0.1, 1.5, 100.0] {
-                points.push(vec![0.8, span, restrike_s, 0.5]);
+            for restrike_s in [0.5, 1.5, 100.0] {
+                points.push(vec![0.8, span, restrike_s, 0.5, 0.2, 1.0, 4.5]);
             }
         }
         points
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 4]
+        vec![0, 4, 6, 7]
     }
 }
 
@@ -105,7 +104,7 @@ fn burning<S: Elementary>(voltage: S, p: &[S]) -> S {
 
 /// Share of the extinguished lamps that burn again.
 fn restruck<S: Elementary>(since_s: S, p: &[S]) -> S {
-    smooth_step((since_s - p[3]) * (1.0 / LIGHTING_S))
+    smooth_step((since_s - p[3]) / p[5])
 }
 
 impl<S: Elementary> Equations<S> for DischargeLighting {
@@ -134,8 +133,11 @@ impl<S: Elementary> Equations<S> for DischargeLighting {
         let v = at_least(at.voltage, VOLTAGE_MIN);
         let memory = x[0] + (-x[0] + 1.0) * restruck(x[1], p);
         let lit = smaller(memory, burning(at.voltage, p));
-        let steep = power(v, S::constant(REACTIVE_EXPONENT));
-        [p[0] * (lit * v + -1.0), p[4] * p[0] * (lit * steep + -1.0)] // (2)
+        let [active, reactive] = [power(v, p[6]), power(v, p[7])];
+        [
+            p[0] * (lit * active + -1.0),
+            p[4] * p[0] * (lit * reactive + -1.0),
+        ] // (2)
     }
 }
 
@@ -149,7 +151,7 @@ mod tests {
         let input = lasting(3.0, dip, &[0.5, 0.6]);
         let model = ComposedModel::new(&Structure::zip_im().with("discharge_lighting").unwrap());
         let mut p = model.typical();
-        p[8..].copy_from_slice(&[0.1, 0.8, 0.12, 1.0, 0.5]);
+        p[8..].copy_from_slice(&[0.1, 0.8, 0.12, 1.0, 0.5, 0.2, 1.0, 4.5]);
         let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();

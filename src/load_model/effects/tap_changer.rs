@@ -6,15 +6,19 @@
 //! Missing, it leaves stairs in P and Q while the measured voltage is flat. The window must be longer
 //! than the delay; after a shorter event there is nothing to see.
 //!
-//! With `a` the ratio, 1 at rest, `v` the measured voltage, and `t_out` how long `|1 - a v| > b` has lasted:
+//! With `a` the ratio, 1 at rest, `v` the measured voltage, and `t_out` how long `1 - a v > b`, or how long `1 - a v < -b`,
+//! has lasted:
 //!
 //! ```text
 //! u_L = a u                                                                      (1)
 //! a -> a +- d   whenever t_out passes T_d + k T_i,  k = 0, 1, 2 ...               (2)
 //! ```
 //!
-//! each step over 0.1 s. The set point is the voltage before the event, which may have been anywhere in the
+//! each step over the time `T_m` around that instant. The set point is the voltage before the event, which may have been anywhere in the
 //! real dead band; the band here is symmetric.
+//!
+//! A diverter switch changes over within some hundredths of a second (Kraemer, On-Load Tap-Changers for Power
+//! Transformers, 2000, from memory, not verified: 40 to 60 ms).
 //!
 //! Source: line-drop-free on-load tap changer of the WECC composite load model (30 s, 5 s, steps of .00625,
 //! from memory, not verified).
@@ -36,8 +40,8 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TapChanger;
 
-/// Time one step takes, s.
-const MOTION_S: f64 = 0.1;
+/// Slow steps are found from farther away, s.
+const SCREENED_MOTION_S: f64 = 0.1;
 /// Range of the ratio around 1.
 const RANGE: f64 = 0.15;
 /// Spread of the dead band's edge, pu.
@@ -47,14 +51,16 @@ const DECLARATION: Declaration = Declaration {
     name: "tap_changer",
     title: "On-load tap changer",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["step", "d", "1"], [0.006_25, 0.03, 0.002]),
         Parameter::shape(["half_band", "b", "1"], [0.003, 0.01, 0.03], 0.005),
         Parameter::positive_shape(["delay_s", "T_d", "s"], [0.3, 3.0, 60.0], 1.2),
         Parameter::positive_shape(["interval_s", "T_i", "s"], [0.3, 3.0, 20.0], 0.8),
+        Parameter::positive_shape(["motion_s", "T_m", "s"], [0.02, 0.05, 0.15], 0.4),
     ],
     states: &[
+        // Below 0 where the voltage is too high.
         State {
             name: "time_outside",
             unit: "s",
@@ -64,7 +70,7 @@ const DECLARATION: Declaration = Declaration {
             unit: "1",
         },
     ],
-    acts_on: &[Place::States, Place::Gain],
+    acts_on: &[Place::States, Place::Taps],
     excludes: &[],
     resembles: &["exponential_recovery", "load_ramp"],
     needs: Needs {
@@ -85,27 +91,47 @@ impl Declared for TapChanger {
         &[0.004, 0.006_25, 0.009, 0.0135, 0.02]
     }
 
+    fn bracketed(&self) -> &'static [&'static str] {
+        &["half_band"]
+    }
+
+    fn mistaken_for(&self, values: &[f64]) -> Vec<Vec<f64>> {
+        // Half as large steps twice as often make nearly the same stair, and the other way round.
+        let times = |factor: f64| {
+            let mut other = values.to_vec();
+            other[0] *= factor;
+            other[3] *= factor;
+            other
+        };
+        [0.5, 2.0, 3.0].map(times).to_vec()
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
         for delay_s in [1.5_f64, 3.0, 5.0, 8.0, 15.0, 30.0] {
             for share in [0.4, 1.0, 1.5] {
-                points.push(vec![0.01, delay_s, (share * delay_s).min(8.0)]);
+                points.push(vec![
+                    0.01,
+                    delay_s,
+                    (share * delay_s).min(8.0),
+                    SCREENED_MOTION_S,
+                ]);
             }
         }
         points
     }
 }
 
-/// Steps made by the time the voltage has been outside for `timer`: a stair with smooth risers.
-fn steps<S: Elementary>(timer: S, p: &[S]) -> S {
+/// Steps made by the time the voltage has been outside for `time`: a stair with smooth risers.
+fn steps<S: Elementary>(time: S, p: &[S]) -> S {
     const STEPS_MAX: usize = 64;
     let mut sum = S::constant(0.0);
     for k in 0..STEPS_MAX {
-        let since = timer - p[2] - p[3] * k as f64;
+        let since = time - p[2] - p[3] * k as f64 + p[4] * 0.5;
         if since.value() <= 0.0 {
             break;
         }
-        sum = sum + smooth_step(since * (1.0 / MOTION_S));
+        sum = sum + smooth_step(since / p[4]);
     }
     sum
 }
@@ -120,27 +146,27 @@ impl<S: Elementary> Equations<S> for TapChanger {
         let [timer, ratio] = x else { return };
         // The voltage of a step is that behind the ratio.
         let error = step.voltage.map(|v| -v + 1.0);
-        let outside = error.map(|e| {
-            let size = if e.value() < 0.0 { -e } else { e };
-            smooth_step((size - p[1]) * (1.0 / BAND_SPREAD_PU))
-        });
-        let before = steps(*timer, p);
+        let sign = |value: f64| if value < 0.0 { -1.0 } else { 1.0 };
+        let mut side = sign(timer.value());
+        let mut time = *timer * side;
         // A step that has begun is finished, also where it enters the band half way.
-        let moving = before.value().fract() > 0.0;
-        if moving {
-            *timer = *timer + step.duration_s;
+        let moving = steps(time, p).value().fract() > 0.0;
+        if !moving && sign(error[2].value()) * side < 0.0 {
+            // What has passed on the other side counts nothing.
+            side = -side;
+            time = S::constant(0.0);
+        }
+        let outside = error.map(|e| smooth_step((e * side - p[1]) * (1.0 / BAND_SPREAD_PU)));
+        let after = if moving {
+            time + step.duration_s
         } else if outside[2].value() > 0.0 {
-            *timer = *timer + mean(outside) * step.duration_s;
+            time + mean(outside) * step.duration_s
         } else {
             *timer = S::constant(0.0);
             return;
-        }
-        let moved = p[0] * (steps(*timer, p) - before);
-        let raised = if error[2].value() > 0.0 {
-            moved
-        } else {
-            -moved
         };
+        *timer = after * side;
+        let raised = p[0] * (steps(after, p) - steps(time, p)) * side;
         *ratio = at_least(at_most(*ratio + raised, 1.0 + RANGE), 1.0 - RANGE); // (2)
     }
 
@@ -163,7 +189,7 @@ mod tests {
         let mut p = model.neutral();
         // A constant impedance without motor shows the voltage squared.
         p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, 0.0, 0.0]);
-        p[8..].copy_from_slice(&[0.006_25, 0.01, 1.0, 1.0]);
+        p[8..].copy_from_slice(&[0.006_25, 0.01, 1.0, 1.0, 0.05]);
         let drive = Drive::new(&input, &[], 0.3);
         let out = model.simulate(&p, &[], &drive).unwrap().active;
         // 1.4, 2, 2.9 and 5 s at 60 samples per second.
@@ -174,6 +200,64 @@ mod tests {
                 "{k}: {} {expected}",
                 out[k]
             );
+        }
+    }
+    #[test]
+    fn what_has_passed_on_one_side_does_not_count_on_the_other() {
+        // Too low for 0.4 s, then too high: the first step comes 1 s after the change, and lowers.
+        let phasor = |t: f64| match t {
+            t if t < 0.5 => [1.0, 0.0],
+            t if t < 0.9 => [0.97, 0.0],
+            _ => [1.02, 0.0],
+        };
+        let input = lasting(3.0, phasor, &[0.5, 0.9]);
+        let model = ComposedModel::new(&Structure::zip_im().with("tap_changer").unwrap());
+        let mut p = model.neutral();
+        p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, 0.0, 0.0]);
+        p[8..].copy_from_slice(&[0.015, 0.01, 1.0, 1.0, 0.05]);
+        let drive = Drive::new(&input, &[], 0.3);
+        let out = model.simulate(&p, &[], &drive).unwrap().active;
+        // 1.8, 2 and 2.9 s.
+        for (k, ratio) in [(108, 1.0), (120, 0.985), (174, 0.985)] {
+            let expected = (1.02_f64 * ratio).powi(2);
+            assert!(
+                (out[k] - expected).abs() < 1e-6,
+                "{k}: {} {expected}",
+                out[k]
+            );
+        }
+    }
+    #[test]
+    fn the_transformer_stands_behind_the_feeder() {
+        // A constant impedance without motor: |u|^2 Re(1/(jX + Z/a^2)) at the measured bus.
+        let phasor = |t: f64| [if t < 0.5 { 1.0 } else { 0.95 }, 0.0];
+        let input = lasting(3.0, phasor, &[0.5]);
+        let structure = Structure::zip_im().with("feeder_impedance").unwrap();
+        let model = ComposedModel::new(&structure.with("tap_changer").unwrap());
+        let (q0, x, step) = (0.3, 0.12, 0.015);
+        let mut p = model.neutral();
+        let square = 1.0 + q0 * q0;
+        p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, q0 - x * square, 0.0]);
+        for (name, value) in [
+            ("feeder_impedance.reactance", x),
+            ("tap_changer.step", step),
+            ("tap_changer.half_band", 0.04),
+            ("tap_changer.delay_s", 1.0),
+            ("tap_changer.interval_s", 10.0),
+            ("tap_changer.motion_s", 0.05),
+        ] {
+            p[model.index(name).unwrap()] = value;
+        }
+        let drive = Drive::new(&input, &[], q0);
+        let out = model.simulate(&p, &[], &drive).unwrap();
+        // Load at rest: what the feeder leaves of u0 = 1 over i0 = 1 - j q0.
+        let load = [1.0 / square, q0 / square - x];
+        for (k, ratio) in [(60, 1.0), (120, 1.0 + step)] {
+            let [r, reactance] = load.map(|part| part / (ratio * ratio));
+            let total = reactance + x;
+            let over = 0.95 * 0.95 / (r * r + total * total);
+            assert!((out.active[k] - over * r).abs() < 1e-9, "{k}");
+            assert!((out.reactive[k] - over * total).abs() < 1e-9, "{k}");
         }
     }
 }
