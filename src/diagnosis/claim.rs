@@ -192,6 +192,15 @@ pub(super) fn decisive(
         && others.all(|i| excess(list[i].0.chi_square_after) >= options.decisive_factor * left)
 }
 
+/// By how much the criterion of a rival is behind one that leaves `chi_square` per row, `squares` together, and has
+/// gained `gain`, before the two are told apart.
+pub(super) fn told_apart(chi_square: f64, squares: f64, gain: f64, options: &ClaimOptions) -> f64 {
+    let above = (1.0 - options.floor / chi_square).max(0.0);
+    let told = options.rival_share_of_left + options.rival_share_of_excess * above;
+    let left = (told * squares).min(options.rival_share * gain);
+    options.delta_bic_near.max(left)
+}
+
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be
 /// told from it, itself first. Those that may not be declared do not count, nor rivals that must
 /// stretch a parameter to its bound where another need not. Between equals on what they were fitted to
@@ -203,13 +212,8 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
     };
     let near = |i: &usize| {
         let evidence = &list[*i].0;
-        let gain = -evidence.delta_bic;
-        let above = (1.0 - options.floor / evidence.chi_square_after).max(0.0);
-        let told = options.rival_share_of_left + options.rival_share_of_excess * above;
-        let left = told * evidence.squares_after;
-        options
-            .delta_bic_near
-            .max(left.min(options.rival_share * gain))
+        let (after, squares) = (evidence.chi_square_after, evidence.squares_after);
+        told_apart(after, squares, -evidence.delta_bic, options)
     };
     let close = |i: &usize| list[*i].0.delta_bic - list[best].0.delta_bic <= near(&best);
     let mut chosen: Vec<usize> = (best..list.len()).filter(allowed).filter(close).collect();

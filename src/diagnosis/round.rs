@@ -4,6 +4,7 @@ use super::{
     case::Case,
     claim::{ADEQUATE_FLOORS, Evidence, answer_set, decisive, objections, reaches},
     departures::departures,
+    equals::beside_companions,
     outcome::Status,
     trials::{Fitted, Trial, addable, trials},
 };
@@ -144,9 +145,15 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
         .collect();
     let chosen = answer_set(&judged, options);
     let answer: Vec<usize> = chosen.iter().map(|&i| refitted[i].0).collect();
-    let (Some(&best), Some(&place)) = (chosen.first(), answer.first()) else {
+    let answer = beside_companions(case, base, list, answer, &COMPANIONS)?;
+    let of_place = |place: &usize| refitted.iter().position(|(known, _)| known == place);
+    let told: Vec<usize> = answer.iter().filter_map(of_place).collect();
+    let (Some(&best), Some(&place)) = (told.first(), answer.first()) else {
         return Ok(nothing_declared(case, base));
     };
+    // Its equals without companions are no others that come near.
+    let mut equals = chosen;
+    equals.sort_by_key(|i| *i != best);
     let evidence = &judged[best].0;
     let found = format!(
         "with {} the misfit of the fitted events falls from {:.2} to {:.2} per sample",
@@ -158,7 +165,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
         Kind::Physics => Status::MissingEffect,
         Kind::Instrument => Status::InstrumentSuspect,
     };
-    if reaches(evidence, options) || decisive(&judged, &chosen, options) {
+    if reaches(evidence, options) || decisive(&judged, &equals, options) {
         return Ok(Decision {
             status,
             answer,
