@@ -43,8 +43,10 @@ const EXCHANGE_DELTA_BIC: f64 = 10.0;
 /// ... and by this share of the weighted squares that are left, which are not independent from sample to sample.
 const EXCHANGE_SHARE_OF_LEFT: f64 = 0.03;
 /// A step may raise the error on events not fitted by this share: the spread of composition alone
-/// moves it as much.
+/// moves it as much, ...
 const WORSE_MAX: f64 = 0.02;
+/// ... or by this one, where that on all judged events does not rise: the held-out ones are few.
+const WORSE_MAX_OF_FEW: f64 = 0.25;
 
 /// Goes round: diagnose, add what is missing, refit, drop what became superfluous.
 ///
@@ -348,11 +350,18 @@ impl<'a> Stairs<'a> {
     }
 
     fn worse(&self, step: &ImprovementStep) -> bool {
-        let before = self
-            .steps
-            .last()
-            .map_or(f64::INFINITY, |s| deciding(s).error_to_noise);
-        deciding(step).error_to_noise > (1.0 + WORSE_MAX) * before
+        let Some(before) = self.steps.last() else {
+            return false;
+        };
+        let rises = |of: &dyn Fn(&ImprovementStep) -> f64| of(step) / of(before) - 1.0;
+        let held_out = rises(&|step| deciding(step).error_to_noise);
+        let together = rises(&|step| step.errors.judged_error_to_noise());
+        let most = if together > 0.0 {
+            WORSE_MAX
+        } else {
+            WORSE_MAX_OF_FEW
+        };
+        held_out > most
     }
 
     fn step(

@@ -67,6 +67,14 @@ impl StructureErrors {
         let held_out = self.untouched.as_ref().or(self.gate.as_ref());
         held_out.unwrap_or(&self.fit)
     }
+
+    /// Error over noise on the fitted and gating events together, each event counting the same.
+    pub(super) fn judged_error_to_noise(&self) -> f64 {
+        let sets = || std::iter::once(&self.fit).chain(&self.gate);
+        let events: usize = sets().map(|set| set.events.len()).sum();
+        let square = |set: &ErrorSummary| set.events.len() as f64 * set.error_to_noise.powi(2);
+        (sets().map(square).sum::<f64>() / events.max(1) as f64).sqrt()
+    }
 }
 
 /// An effect that was tried on top of the structure.
