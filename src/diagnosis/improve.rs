@@ -4,7 +4,7 @@ use super::{
     case::{Case, Watcher},
     diagnose::report,
     options::{DiagnosisOptions, Progress},
-    outcome::{Diagnosis, Improvement, ImprovementStep, Status},
+    outcome::{Diagnosis, Improvement, ImprovementStep, Status, StructureErrors},
     round::{Second, round},
     trials::addable,
     where_it_fails::failure,
@@ -215,7 +215,7 @@ impl<'a> Stairs<'a> {
         match climbed() {
             Ok(higher) if self.worse(&higher.step) => Ok(Err(format!(
                 "the error on events not fitted rises to {:.2} times the noise",
-                deciding(&higher.step).error_to_noise
+                deciding(&higher.step.errors).error_to_noise
             ))),
             Ok(higher) => Ok(Ok(higher)),
             Err(
@@ -350,18 +350,8 @@ impl<'a> Stairs<'a> {
     }
 
     fn worse(&self, step: &ImprovementStep) -> bool {
-        let Some(before) = self.steps.last() else {
-            return false;
-        };
-        let rises = |of: &dyn Fn(&ImprovementStep) -> f64| of(step) / of(before) - 1.0;
-        let held_out = rises(&|step| deciding(step).error_to_noise);
-        let together = rises(&|step| step.errors.judged_error_to_noise());
-        let most = if together > 0.0 {
-            WORSE_MAX
-        } else {
-            WORSE_MAX_OF_FEW
-        };
-        held_out > most
+        let before = self.steps.last();
+        before.is_some_and(|before| is_worse(&before.errors, &step.errors))
     }
 
     fn step(
@@ -393,8 +383,15 @@ impl<'a> Stairs<'a> {
 
 /// The errors by which a step is taken or not: never those of the untouched events, which are quoted
 /// and must not have been chosen by.
-fn deciding(step: &ImprovementStep) -> &ErrorSummary {
-    step.errors.gate.as_ref().unwrap_or(&step.errors.fit)
+fn deciding(errors: &StructureErrors) -> &ErrorSummary {
+    errors.gate.as_ref().unwrap_or(&errors.fit)
+}
+
+/// Whether a step that leads from errors to others is not taken.
+fn is_worse(before: &StructureErrors, after: &StructureErrors) -> bool {
+    let falls = after.judged_error_to_noise() <= before.judged_error_to_noise();
+    let most = if falls { WORSE_MAX_OF_FEW } else { WORSE_MAX };
+    deciding(after).error_to_noise > (1.0 + most) * deciding(before).error_to_noise
 }
 
 /// Whether one of two effects is declared to resemble the other.
@@ -417,4 +414,35 @@ fn without(structure: &Structure, effect: &str) -> Result<Structure, Identificat
         .filter(|n| n != effect)
         .collect();
     Ok(Structure::parse(&left)?.with_ranges(structure.ranges().clone()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identification::EventErrors;
+
+    /// Error over noise on the fitted events and on the gating ones, and how many there are of each.
+    fn errors(of: [f64; 2], counts: [usize; 2]) -> StructureErrors {
+        let [fit, gate] = [0, 1].map(|set| ErrorSummary {
+            error_to_noise: of[set],
+            events: vec![EventErrors::default(); counts[set]],
+            ..ErrorSummary::default()
+        });
+        StructureErrors {
+            fit,
+            gate: Some(gate),
+            untouched: None,
+        }
+    }
+
+    #[test]
+    fn few_gating_events_may_rise_where_all_together_fall() {
+        let before = errors([2.6, 1.9], [6, 2]);
+        let worse = |of: [f64; 2]| is_worse(&before, &errors(of, [6, 2]));
+        assert!(!worse([2.6, 1.9]) && !worse([1.6, 1.5]));
+        assert!(!worse([1.6, 2.2]));
+        assert!(worse([1.6, 2.5]));
+        assert!(worse([2.6, 2.0]));
+        assert!(worse([1.6, f64::INFINITY]) && worse([f64::INFINITY, 2.0]));
+    }
 }

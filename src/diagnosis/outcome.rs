@@ -68,7 +68,7 @@ impl StructureErrors {
         held_out.unwrap_or(&self.fit)
     }
 
-    /// Error over noise on the fitted and gating events together, each event counting the same.
+    /// Error over noise on the fitted and gating events together, each set counting by its events.
     pub(super) fn judged_error_to_noise(&self) -> f64 {
         let sets = || std::iter::once(&self.fit).chain(&self.gate);
         let events: usize = sets().map(|set| set.events.len()).sum();

@@ -1,7 +1,7 @@
 //! How far a model is from a measurement: the numbers every report quotes.
 
 /// Errors of one event.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct EventErrors {
     /// Event identifier (window id, or file stem of a site folder).
     pub event: String,

@@ -89,7 +89,8 @@ pub(super) fn reduced(
     let first = lowest(&grid, options.starts_max);
     // Where no motor describes the events, or they do not tell motors apart, there are hundreds of
     // solutions, and no user of any but the best.
-    let alike = motors_do_not_differ(&grid);
+    let cells: Vec<f64> = (0..grid.len()).map(|index| grid.value(index)).collect();
+    let alike = motors_do_not_differ(&cells);
     let mut options = *options;
     options.trust_tech.describes_below = match problem.events() {
         _ if alike => f64::NEG_INFINITY,
@@ -137,11 +138,12 @@ pub(super) fn reduced(
     }
 }
 
-/// Whether the events hardly tell motors apart: half of the cells or more lie close to the lowest.
-fn motors_do_not_differ(grid: &GridScan) -> bool {
-    let cells = (0..grid.len()).map(|index| grid.value(index));
-    let lowest = cells.clone().fold(f64::INFINITY, f64::min);
-    2 * cells.filter(|value| *value <= lowest + TOLD_APART).count() >= grid.len()
+/// Whether the events hardly tell motors apart: half of the cells or more lie close to the lowest. Cells without
+/// a motor, which are infinite, tell nothing.
+fn motors_do_not_differ(cells: &[f64]) -> bool {
+    let lowest = cells.iter().copied().fold(f64::INFINITY, f64::min);
+    let close = cells.iter().filter(|value| *value - lowest <= TOLD_APART);
+    2 * close.count() >= cells.len()
 }
 
 /// The objective above which a solution describes nothing.
@@ -448,4 +450,18 @@ pub(super) fn fitted_model(
         linear: LinearCoefficients::from_array(linear),
         frequency_scaled_power: problem.options().frequency_scaled_power,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_without_a_motor_do_not_make_motors_alike() {
+        let none = f64::INFINITY;
+        assert!(!motors_do_not_differ(&[none; 4]));
+        assert!(!motors_do_not_differ(&[7.0, none, none]));
+        assert!(!motors_do_not_differ(&[7.0, 10.0, 40.0]));
+        assert!(motors_do_not_differ(&[7.0, 8.5, 40.0, none]));
+    }
 }

@@ -33,6 +33,8 @@ const PAPER_REACTIVE_POWER_SHARE: RangeInclusive<f64> = 0.1..=4.0;
 pub(super) struct Valley {
     /// Least and largest reactance on the motor's own base.
     pub(super) reactance: (f64, f64),
+    /// The reactance that stands for the valley.
+    representative: f64,
     /// Whether every box was kept; false where they contradict each other and the plausible range
     /// of the reactance stands alone.
     pub(super) within_boxes: bool,
@@ -49,6 +51,7 @@ impl Valley {
         let (Some(&first), Some(&last)) = (inside.first(), inside.last()) else {
             return Self {
                 reactance: (from, to),
+                representative: X_MOTOR_BASE,
                 within_boxes: false,
             };
         };
@@ -73,15 +76,25 @@ impl Valley {
         } else {
             refine(node(last), node(last + 1))
         };
+        let conventional = X_MOTOR_BASE.clamp(low, high);
+        let nodes = inside.iter().map(|&i| node(i));
+        let in_bounds = std::iter::once(conventional)
+            .chain(nodes)
+            .filter(|&x| has_reactive_shares_in_bounds(&at(x)));
+        let away = |x: &f64| (x - conventional).abs();
+        let nearest = in_bounds.min_by(|a, b| away(a).total_cmp(&away(b)));
         Self {
             reactance: (low, high),
+            representative: nearest.unwrap_or(conventional),
             within_boxes: true,
         }
     }
 
-    /// The reactance that stands for the valley: the conventional one, or the end nearest to it.
+    /// The reactance that stands for the valley: the conventional one, or the end nearest to it. Where the static
+    /// reactive power is next to zero there and its shares are beyond their bounds, the nearest step at which they are
+    /// not, if there is one.
     pub(super) fn representative(&self) -> f64 {
-        X_MOTOR_BASE.clamp(self.reactance.0, self.reactance.1)
+        self.representative
     }
 
     /// Range of a quantity along the valley. Where the static reactive power passes through zero on
@@ -93,9 +106,10 @@ impl Valley {
     ) -> (f64, f64) {
         let (from, to) = self.reactance;
         let node = |i: u32| at(from + (to - from) * f64::from(i) / f64::from(STEPS));
-        let is_share = ["Qz", "Qi", "Qq"].contains(&quantity.name);
         let positive = |p: &ZipImParameters| p.q_zip0_pu > 0.0;
-        if is_share && (0..=STEPS).any(|i| positive(&node(i)) != positive(&at(from))) {
+        if is_reactive_share(quantity)
+            && (0..=STEPS).any(|i| positive(&node(i)) != positive(&at(from)))
+        {
             return quantity.bounds;
         }
         // Every quantity is monotone along the valley between two signs of Q_ZIP0, so the ends of
@@ -105,6 +119,17 @@ impl Valley {
             (low.min(v), high.max(v))
         })
     }
+}
+
+fn has_reactive_shares_in_bounds(p: &ZipImParameters) -> bool {
+    let shares = PARAMETERS.iter().filter(|q| is_reactive_share(q));
+    shares
+        .map(|q| ((q.value)(p), q.bounds))
+        .all(|(value, (low, high))| (low..=high).contains(&value))
+}
+
+fn is_reactive_share(quantity: &Quantity) -> bool {
+    ["Qz", "Qi", "Qq"].contains(&quantity.name)
 }
 
 fn is_admissible(p: &ZipImParameters, paper_box: bool) -> bool {
@@ -184,6 +209,30 @@ mod tests {
         close(interval("T0_prime"), t0, 0.002);
         close(interval("X_prime"), x_prime, 0.002);
         close(interval("X"), (to_load_base, 6.0 * to_load_base), 1e-9);
+    }
+
+    #[test]
+    fn the_representative_has_its_shares_of_q_within_bounds() {
+        // By (3) with kappa 0.42 and Kpm 0.5, Q_ZIP0 is zero at the conventional reactance for this Q0.
+        let motor = |x: f64| 0.5 * (1.0 / x + 1.0 / 0.42 * (1.0 - (1.0_f64 - 0.42 * 0.42).sqrt()));
+        let base = |above: f64| LoadBase {
+            q0_pu: BASE.p0_pu * (motor(X_MOTOR_BASE) + above),
+            ..BASE
+        };
+        let shares_at = |above: f64| {
+            let at = |x: f64| parameters_at(&COORDINATES, x, &base(above));
+            let valley = Valley::new(at, false);
+            (
+                valley.representative(),
+                at(valley.representative()).q_shares,
+            )
+        };
+        let (x, shares) = shares_at(1e-4);
+        assert!((x - X_MOTOR_BASE).abs() < 0.5, "{x}");
+        assert!(shares.iter().all(|share| share.abs() <= 20.0), "{shares:?}");
+        let conventional = parameters_at(&COORDINATES, X_MOTOR_BASE, &base(1e-4));
+        assert!(conventional.q_shares.iter().any(|share| share.abs() > 1e3));
+        assert!((shares_at(0.2).0 - X_MOTOR_BASE).abs() < 1e-15);
     }
 
     #[test]

@@ -4,10 +4,9 @@
 //! Not here: `saturation`, `low_voltage_conversion`, `phasor_window` and `frequency_tracking`, which leave less than the
 //! noise in sites of this size.
 
+use super::{plain, windows};
 use loadmodeld::{
-    adapters::recordings::site_folder,
     diagnosis::{DiagnosisOptions, Status, diagnose},
-    disturbance::{ScreeningOptions, Window, screen},
     load_model::effects,
     truth::{Effect, StudyShape, study_site},
 };
@@ -50,13 +49,7 @@ fn is_named(effect: Effect, number: u64, shape: &StudyShape) {
     };
     let made = study_site(7, number, &shape).unwrap();
     let site = &made.options.site;
-    let windows = made.records.iter().zip(1..).map(|(record, number)| Window {
-        id: format!("event_{number:02}"),
-        ..site_folder::window(site, record)
-    });
-    let windows: Vec<Window> = windows
-        .filter(|w| screen(w, &ScreeningOptions::default()).usable())
-        .collect();
+    let windows = windows(&made);
     let resembles = effects::find(effect.name())
         .unwrap()
         .declaration()
@@ -72,8 +65,7 @@ fn is_named(effect: Effect, number: u64, shape: &StudyShape) {
         refits_max: 4,
         ..DiagnosisOptions::default()
     };
-    let plain = ["zip", "induction_motor"].map(str::to_owned);
-    let found = diagnose(site, &windows, &plain, &options, &|_| (), &|| false).unwrap();
+    let found = diagnose(site, &windows, &plain(), &options, &|_| (), &|| false).unwrap();
     let told = (&found.summary, &found.reasons, &found.answer_set);
     let claims = matches!(
         found.status,

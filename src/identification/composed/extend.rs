@@ -268,11 +268,10 @@ impl<'a> Ground<'a> {
             let fit = step.fit(parameters, &step.all())?;
             // What both lead to is no better for having begun farther away.
             let handicap = if unfitted(*number) { HANDICAP } else { 1.0 };
-            Some((handicap * evidence(&fit), fit))
+            Some((handicap * evidence(&fit), step, fit))
         });
         let best = fits.min_by(|a, b| a.0.total_cmp(&b.0));
-        let (_, fit) = best?;
-        Some(self.step(near.first()?.0, screened).mistaken(fit))
+        best.map(|(_, step, fit)| step.taken_for_another(fit))
     }
 
     /// A refit once more, from its end.
@@ -528,7 +527,7 @@ impl Step<'_> {
     }
 
     /// Goes over to what the effect is mistaken for as long as that is better.
-    fn mistaken(&self, fit: ComposedFit) -> ComposedFit {
+    fn taken_for_another(&self, fit: ComposedFit) -> ComposedFit {
         let own = self.own(|_| true);
         let mut best = fit;
         loop {

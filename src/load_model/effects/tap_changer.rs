@@ -179,85 +179,85 @@ impl<S: Elementary> Equations<S> for TapChanger {
 mod tests {
     use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
 
+    /// P and Q at 60 samples per second of a constant impedance without motor that draws `1 + j q0` at the
+    /// measured bus, behind a reactance and taps, under a voltage with these jumps.
+    fn impedance_behind_taps(
+        voltage: impl Fn(f64) -> f64,
+        [lasts_s, q0]: [f64; 2],
+        jumps_s: &[f64],
+        reactance: f64,
+        taps: [f64; 5],
+    ) -> [Vec<f64>; 2] {
+        let input = lasting(lasts_s, |t| [voltage(t), 0.0], jumps_s);
+        let structure = Structure::zip_im().with("feeder_impedance").unwrap();
+        let model = ComposedModel::new(&structure.with("tap_changer").unwrap());
+        let mut p = model.neutral();
+        // d_z is what is left at the load, over P0.
+        p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, q0 - reactance * (1.0 + q0 * q0), 0.0]);
+        p[model.index("feeder_impedance.reactance").unwrap()] = reactance;
+        let first = model.index("tap_changer.step").unwrap();
+        p[first..first + 5].copy_from_slice(&taps);
+        let out = model
+            .simulate(&p, &[], &Drive::new(&input, &[], q0))
+            .unwrap();
+        [out.active, out.reactive]
+    }
+
     #[test]
     fn two_steps_bring_the_voltage_back_into_the_band() {
         // v = 0.98, band 0.01: after 1 s one step of 0.00625 (0.98613, still outside), after 2 s a
         // second one (0.99225, inside): no third.
-        let phasor = |t: f64| [if t < 0.5 { 1.0 } else { 0.98 }, 0.0];
-        let input = lasting(5.0, phasor, &[0.5]);
-        let model = ComposedModel::new(&Structure::zip_im().with("tap_changer").unwrap());
-        let mut p = model.neutral();
-        // A constant impedance without motor shows the voltage squared.
-        p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, 0.0, 0.0]);
-        p[8..].copy_from_slice(&[0.006_25, 0.01, 1.0, 1.0, 0.05]);
-        let drive = Drive::new(&input, &[], 0.3);
-        let out = model.simulate(&p, &[], &drive).unwrap().active;
-        // 1.4, 2, 2.9 and 5 s at 60 samples per second.
+        let low = |t: f64| if t < 0.5 { 1.0 } else { 0.98 };
+        let taps = [0.006_25, 0.01, 1.0, 1.0, 0.05];
+        let [active, _] = impedance_behind_taps(low, [5.0, 0.3], &[0.5], 0.0, taps);
+        // 1.4, 2, 2.9 and 5 s.
         for (k, ratio) in [(84, 1.0), (120, 1.006_25), (174, 1.0125), (300, 1.0125)] {
             let expected = (0.98_f64 * ratio).powi(2);
             assert!(
-                (out[k] - expected).abs() < 1e-6,
+                (active[k] - expected).abs() < 1e-6,
                 "{k}: {} {expected}",
-                out[k]
+                active[k]
             );
         }
     }
+
     #[test]
     fn what_has_passed_on_one_side_does_not_count_on_the_other() {
         // Too low for 0.4 s, then too high: the first step comes 1 s after the change, and lowers.
-        let phasor = |t: f64| match t {
-            t if t < 0.5 => [1.0, 0.0],
-            t if t < 0.9 => [0.97, 0.0],
-            _ => [1.02, 0.0],
+        let voltage = |t: f64| match t {
+            t if t < 0.5 => 1.0,
+            t if t < 0.9 => 0.97,
+            _ => 1.02,
         };
-        let input = lasting(3.0, phasor, &[0.5, 0.9]);
-        let model = ComposedModel::new(&Structure::zip_im().with("tap_changer").unwrap());
-        let mut p = model.neutral();
-        p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, 0.0, 0.0]);
-        p[8..].copy_from_slice(&[0.015, 0.01, 1.0, 1.0, 0.05]);
-        let drive = Drive::new(&input, &[], 0.3);
-        let out = model.simulate(&p, &[], &drive).unwrap().active;
+        let taps = [0.015, 0.01, 1.0, 1.0, 0.05];
+        let [active, _] = impedance_behind_taps(voltage, [3.0, 0.3], &[0.5, 0.9], 0.0, taps);
         // 1.8, 2 and 2.9 s.
         for (k, ratio) in [(108, 1.0), (120, 0.985), (174, 0.985)] {
             let expected = (1.02_f64 * ratio).powi(2);
             assert!(
-                (out[k] - expected).abs() < 1e-6,
+                (active[k] - expected).abs() < 1e-6,
                 "{k}: {} {expected}",
-                out[k]
+                active[k]
             );
         }
     }
+
     #[test]
     fn the_transformer_stands_behind_the_feeder() {
-        // A constant impedance without motor: |u|^2 Re(1/(jX + Z/a^2)) at the measured bus.
-        let phasor = |t: f64| [if t < 0.5 { 1.0 } else { 0.95 }, 0.0];
-        let input = lasting(3.0, phasor, &[0.5]);
-        let structure = Structure::zip_im().with("feeder_impedance").unwrap();
-        let model = ComposedModel::new(&structure.with("tap_changer").unwrap());
+        // |u|^2 Re(1/(jX + Z/a^2)) at the measured bus.
         let (q0, x, step) = (0.3, 0.12, 0.015);
-        let mut p = model.neutral();
-        let square = 1.0 + q0 * q0;
-        p[3..8].copy_from_slice(&[0.0, 1.0, 0.0, q0 - x * square, 0.0]);
-        for (name, value) in [
-            ("feeder_impedance.reactance", x),
-            ("tap_changer.step", step),
-            ("tap_changer.half_band", 0.04),
-            ("tap_changer.delay_s", 1.0),
-            ("tap_changer.interval_s", 10.0),
-            ("tap_changer.motion_s", 0.05),
-        ] {
-            p[model.index(name).unwrap()] = value;
-        }
-        let drive = Drive::new(&input, &[], q0);
-        let out = model.simulate(&p, &[], &drive).unwrap();
+        let low = |t: f64| if t < 0.5 { 1.0 } else { 0.95 };
+        let taps = [step, 0.04, 1.0, 10.0, 0.05];
+        let [active, reactive] = impedance_behind_taps(low, [3.0, q0], &[0.5], x, taps);
         // Load at rest: what the feeder leaves of u0 = 1 over i0 = 1 - j q0.
+        let square = 1.0 + q0 * q0;
         let load = [1.0 / square, q0 / square - x];
         for (k, ratio) in [(60, 1.0), (120, 1.0 + step)] {
-            let [r, reactance] = load.map(|part| part / (ratio * ratio));
-            let total = reactance + x;
+            let [r, own] = load.map(|part| part / (ratio * ratio));
+            let total = own + x;
             let over = 0.95 * 0.95 / (r * r + total * total);
-            assert!((out.active[k] - over * r).abs() < 1e-9, "{k}");
-            assert!((out.reactive[k] - over * total).abs() < 1e-9, "{k}");
+            assert!((active[k] - over * r).abs() < 1e-9, "{k}");
+            assert!((reactive[k] - over * total).abs() < 1e-9, "{k}");
         }
     }
 }
