@@ -1,9 +1,10 @@
 //! How often the diagnosis is right, on generated sites whose truth is known.
 //!
-//! `cargo run --release --example diagnosis_study -- [--seed N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--plain N] [--composition-spread SHARE] --lines FILE`
-//! tries every effect of the truth simulator in `--sites` sites of its own, pairs of effects in `--pairs`,
-//! effects taken out of the catalogue in `--outside` sites each, nothing hidden in `--plain`: one line of
-//! JSON per site is added to `--lines`, and what is there already is not tried again.
+//! `cargo run --release --example diagnosis_study -- [--seed N] [--first N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--plain N] [--composition-spread SHARE] --lines FILE`
+//! tries every effect of the truth simulator in sites of its own with numbers from `--first` to below `--sites`, pairs of effects in `--pairs`,
+//! effects taken out of the catalogue in those below `--outside`, nothing hidden below `--plain`: one line of
+//! JSON per site is added to `--lines`, and what is there already is not tried again. Noise, rate and
+//! number of events go with the number of the site.
 //!
 //! `cargo run --release --example diagnosis_study -- --summary FILE` prints the tables of
 //! `docs/diagnosis-rates.md` from such lines.
@@ -32,6 +33,7 @@ use serde_json::Value;
 #[derive(Default)]
 struct Arguments {
     seed: u64,
+    first: u64,
     sites: u64,
     pairs: u64,
     outside: u64,
@@ -52,6 +54,7 @@ fn arguments() -> Arguments {
         let value = words.next().unwrap();
         match word.as_str() {
             "--seed" => found.seed = value.parse().unwrap(),
+            "--first" => found.first = value.parse().unwrap(),
             "--sites" => found.sites = value.parse().unwrap(),
             "--pairs" => found.pairs = value.parse().unwrap(),
             "--outside" => found.outside = value.parse().unwrap(),
@@ -74,7 +77,7 @@ fn cases(asked: &Arguments) -> Vec<Case> {
     };
     let effects: Vec<Effect> = Effect::ALL.into_iter().filter(wanted).collect();
     let mut cases = Vec::new();
-    for number in 0..asked.sites.max(asked.outside) {
+    for number in asked.first..asked.sites.max(asked.outside) {
         for effect in &effects {
             if number < asked.sites {
                 cases.push(Case::new(asked.seed, number, Hidden::Single(*effect)));
@@ -84,9 +87,12 @@ fn cases(asked: &Arguments) -> Vec<Case> {
             }
         }
     }
-    let pairs = (0..asked.pairs).filter_map(|number| Hidden::pair(number).map(|p| (number, p)));
+    let pairs =
+        (asked.first..asked.pairs).filter_map(|number| Hidden::pair(number).map(|p| (number, p)));
     cases.extend(pairs.map(|(number, pair)| Case::new(asked.seed, number, pair)));
-    cases.extend((0..asked.plain).map(|number| Case::new(asked.seed, number, Hidden::Nothing)));
+    cases.extend(
+        (asked.first..asked.plain).map(|number| Case::new(asked.seed, number, Hidden::Nothing)),
+    );
     let spread = |case: Case| match asked.composition_spread {
         Some(composition_spread) => case.spread(composition_spread),
         None => case,

@@ -32,8 +32,14 @@ const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
 const MILD_EVALUATIONS_MAX: u64 = 300;
 /// Above this an ordinary load is a start of its own: what is fitted is bent by what is missing.
 const BENT: f64 = 4.0;
+/// The same where a fit has no motor, ...
+const BENT_WITHOUT_MOTOR: f64 = 1.0;
+/// ... its share or kappa being within this part of their range from the least.
+const NO_MOTOR: f64 = 1e-3;
 /// Place of kappa in a model's vector.
 const KAPPA: usize = 2;
+/// Place of the motor's share.
+const MOTOR_SHARE: usize = 3;
 /// Shares of kappa from which a fit begins, until one can be simulated: a motor at its steepest in the
 /// plain search, which knows one operating point only, is beyond pull-out at another.
 const EASED: [f64; 4] = [1.0, 0.9, 0.75, 0.5];
@@ -328,7 +334,12 @@ fn ordinary(
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<ComposedFit> {
-    if fit.chi_square_per_row() < BENT {
+    let bent = if has_no_motor(fit) {
+        BENT_WITHOUT_MOTOR
+    } else {
+        BENT
+    };
+    if fit.chi_square_per_row() < bent {
         return None;
     }
     let model = &fit.model;
@@ -340,6 +351,15 @@ fn ordinary(
     }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
     unfitted(&rows, model, &values, &fit.free, options, cancel)
+}
+
+/// Whether the motor's share or its kappa has run to its least: what is missing stands in for the motor.
+fn has_no_motor(fit: &ComposedFit) -> bool {
+    [KAPPA, MOTOR_SHARE].iter().any(|&index| {
+        let declaration = &fit.model.parameters()[index].declaration;
+        let (low, high) = (declaration.lower, declaration.upper);
+        fit.parameters[index] <= low + NO_MOTOR * (high - low)
+    })
 }
 
 /// The vector of `model` with the values of `fit`, and `others` where it has none.
