@@ -1,8 +1,9 @@
 //! The events of a site as a diagnosis uses them, and fits to them.
 
 use super::{
-    event_sets::{Use, uses},
-    options::{DiagnosisOptions, Progress},
+    claim::ADEQUATE_FLOORS,
+    event_sets::{Use, let_be_fitted_what_shows, uses},
+    options::{DiagnosisOptions, EventSplit, Progress},
     outcome::{EventSets, StructureErrors},
 };
 use crate::{
@@ -113,15 +114,13 @@ impl<'a> Case<'a> {
 
     /// Untouched events that the structure at the start has no response in are refused with the
     /// reason: no later structure is quoted on others. Gating events in which what was fitted without
-    /// them has none are fitted instead: the more is missing, the more tells such an event.
+    /// them has none are fitted instead: the more is missing, the more tells such an event. So are some of
+    /// those that alone show that something is missing ([`let_be_fitted_what_shows`]), unless they were named.
     ///
     /// # Errors
     ///
     /// [`IdentificationError`] when the fit without the gate fails.
-    pub(super) fn settle_events_without_response(
-        &mut self,
-        base: &Baseline,
-    ) -> Result<(), IdentificationError> {
+    pub(super) fn settle_uses(&mut self, base: &Baseline) -> Result<(), IdentificationError> {
         let model = load(&base.structure, &base.all);
         for event in std::mem::take(&mut self.untouched) {
             match model.curves(&align(&model, &event)) {
@@ -144,6 +143,13 @@ impl<'a> Case<'a> {
             for (gates, silent) in self.gates.iter_mut().zip(silent) {
                 *gates &= !silent;
             }
+        }
+        if self.options.split == EventSplit::Balanced {
+            let rows = self.judged.iter().map(PreparedEvent::rows);
+            let misfits = base.all.squares.iter().zip(rows);
+            let misfits: Vec<f64> = misfits.map(|(s, rows)| s / rows.max(1) as f64).collect();
+            let adequate = ADEQUATE_FLOORS * self.options.claim.floor;
+            let_be_fitted_what_shows(&mut self.gates, &misfits, adequate);
         }
         Ok(())
     }

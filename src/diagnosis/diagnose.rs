@@ -45,7 +45,7 @@ pub fn diagnose(
     let watcher = Watcher { progress, cancel };
     let judged = Case::new(site, windows, options, watcher).and_then(|mut case| {
         let base = case.baseline(&parsed)?;
-        case.settle_events_without_response(&base)?;
+        case.settle_uses(&base)?;
         report(&case, &round(&case, base)?)
     });
     match judged {

@@ -41,6 +41,28 @@ pub(super) fn uses(events: &[(&str, f64)], split: &EventSplit) -> Vec<Use> {
     }
 }
 
+/// Lets every second gating event that shows what is missing be fitted, the one that shows most first, where no
+/// fitted one shows it: what was never seen can neither be learnt nor foretold. `misfits` are those of the
+/// structure at the start, per row; above `adequate` something is missing.
+pub(super) fn let_be_fitted_what_shows(gates: &mut [bool], misfits: &[f64], adequate: f64) {
+    let showing = |gating: bool| {
+        let all = gates.iter().zip(misfits).enumerate();
+        let of = all.filter(move |(_, (gates, misfit))| **gates == gating && **misfit > adequate);
+        of.map(|(event, _)| event).collect::<Vec<_>>()
+    };
+    if !showing(false).is_empty() {
+        return;
+    }
+    let mut in_gate = showing(true);
+    if in_gate.len() < 2 {
+        return;
+    }
+    in_gate.sort_by(|&a, &b| misfits[b].total_cmp(&misfits[a]));
+    for event in in_gate.into_iter().step_by(2) {
+        gates[event] = false;
+    }
+}
+
 fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
     let mut uses = vec![Use::Fit; events.len()];
     for kind in by_kind(events) {
@@ -147,6 +169,27 @@ mod tests {
         assert_eq!(counted(8), [4, 2, 2]);
         assert_eq!(counted(11), [6, 3, 2]);
         assert_eq!(counted(50), [26, 14, 10]);
+    }
+
+    #[test]
+    fn what_only_gating_events_show_is_learnt_from_some_of_them() {
+        let settled = |mut gates: Vec<bool>, misfits: &[f64]| {
+            let_be_fitted_what_shows(&mut gates, misfits, 1.4);
+            gates
+        };
+        let gates = vec![false, true, false, true, true];
+        assert_eq!(
+            settled(gates.clone(), &[0.7, 3.0, 0.8, 5.0, 4.0]),
+            [false, false, false, false, true]
+        );
+        // A fitted one shows it as well, or one gating event alone, or none.
+        for misfits in [
+            [1.5, 3.0, 0.8, 5.0, 4.0],
+            [0.7, 0.7, 0.8, 5.0, 0.6],
+            [0.7; 5],
+        ] {
+            assert_eq!(settled(gates.clone(), &misfits), gates);
+        }
     }
 
     #[test]

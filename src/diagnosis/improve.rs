@@ -67,7 +67,7 @@ pub fn improve(
     let parsed = Structure::parse(structure)?.with_ranges(ranges);
     let mut case = Case::new(site, windows, options, Watcher { progress, cancel })?;
     let base = case.baseline(&parsed)?;
-    case.settle_events_without_response(&base)?;
+    case.settle_uses(&base)?;
     let mut stairs = Stairs::new(&case, base)?;
     match change {
         Change::UntilAdequate => stairs.climb()?,

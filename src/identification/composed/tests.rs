@@ -1,6 +1,8 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
-use super::{Baseline, ComposedFitOptions, Ground, fit, refine, with_levels_of};
+use super::{
+    Baseline, ComposedFitOptions, Ground, baseline::has_no_motor, fit, refine, with_levels_of,
+};
 use crate::{
     disturbance::{Closing, Trigger, Window},
     identification::{
@@ -240,6 +242,25 @@ fn a_fit_that_another_effect_helped_on_is_taken_on_without_it() {
             .lower_from(&events, &fit_with, &options, &|| false)
             .is_none()
     );
+}
+
+#[test]
+fn a_motor_whose_share_or_kappa_has_run_to_its_least_is_none() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let events = events();
+    let mut options = ComposedFitOptions::default();
+    (options.rounds_max, options.local.evaluations_max) = (1, 1);
+    let typical = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
+        false
+    });
+    let typical = typical.unwrap();
+    for (name, expected) in [("ln_alpha", false), ("kappa", true), ("motor_share", true)] {
+        let mut fit = typical.clone();
+        fit.parameters = model.typical();
+        let index = model.index(name).unwrap();
+        fit.parameters[index] = model.parameters()[index].declaration.lower;
+        assert_eq!(has_no_motor(&fit), expected, "{name}");
+    }
 }
 
 #[test]
