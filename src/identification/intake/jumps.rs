@@ -16,6 +16,11 @@ const AROUND: usize = 8;
 /// The instant is sought this far before the steepest step and after it, samples.
 const BEFORE: f64 = 0.8;
 const AFTER: f64 = 1.8;
+/// Instants that were sought together are taken where they leave less by this: two standard deviations.
+const BETTER: f64 = 4.0;
+/// Distance of the instants that are tried first, and least distance of two jumps, samples.
+const COARSE: f64 = 0.2;
+const LEAST_APART: f64 = 0.1;
 /// A jump is explained if what remains is below this share of it plus three times the noise.
 const UNEXPLAINED_SHARE: f64 = 0.05;
 /// The mean over one cycle is taken instead of the triangle, which streams of PMUs have, only if its
@@ -183,6 +188,14 @@ fn candidates(measured: &Measured, steep: &[bool]) -> Vec<Jump> {
     let motion = (MOTION_S / measured.interval_s).round() as usize;
     let mut order: Vec<usize> = (0..steep.len()).filter(|&k| steep[k]).collect();
     order.sort_by(|&a, &b| step(b).norm().total_cmp(&step(a).norm()).then(a.cmp(&b)));
+    // The recovery after a jump goes on its way with ever smaller steps.
+    let fades = |a: usize, k: usize| {
+        let same_way = |i: usize| (step(i) * step(a).conj()).re > 0.0;
+        measured.has_short_window()
+            && a < k
+            && (a..=k).all(same_way)
+            && step(k).norm() <= step(k - 1).norm()
+    };
     let mut anchors: Vec<usize> = Vec::new();
     for k in order {
         let claimed = anchors.iter().any(|&a| {
@@ -192,6 +205,7 @@ fn candidates(measured: &Measured, steep: &[bool]) -> Vec<Jump> {
             apart < 2
                 || (apart <= 2 * reach && (same_way || smaller))
                 || (apart <= reach + motion && smaller)
+                || fades(a, k)
         });
         let inside = k >= reach + 3 && k + reach + 5 < log.len();
         if !claimed && inside {
@@ -266,9 +280,20 @@ fn refuse_ramps(measured: &Measured, list: &mut [Located]) {
     }
 }
 
-/// The instants of jumps close to each other, one after the other and then again.
-fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> Vec<Located> {
-    let mut jumps = candidates.to_vec();
+impl Measured {
+    /// Whether so few samples hold a jump that what lies on either side of it may stand in for it.
+    fn has_short_window(&self) -> bool {
+        let width = 2.0 * self.half_width;
+        0.0 < width && width <= SHORT_WINDOW
+    }
+}
+
+/// Jumps at the instants found one after the other and then again, the voltage with them, and what it leaves.
+fn descended(
+    measured: &Measured,
+    range: (usize, usize),
+    mut jumps: Vec<Jump>,
+) -> (Vec<Jump>, Option<Voltage>, f64) {
     let mut fit = Voltage::fit(measured, range, &jumps, None);
     if measured.filter != PhasorFilter::None {
         let rounds = if jumps.len() > 1 { 3 } else { 1 };
@@ -277,6 +302,26 @@ fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> V
                 jumps[index].position = instant(measured, range, &jumps, index, fit.as_ref());
                 fit = Voltage::fit(measured, range, &jumps, fit.as_ref());
             }
+        }
+    }
+    let left = fit.as_ref().map_or(f64::INFINITY, |fit| {
+        let bent = |index: usize| bent(measured, fit, index, jumps[index].size);
+        fit.objective + (0..jumps.len()).map(bent).sum::<f64>()
+    });
+    (jumps, fit, left)
+}
+
+/// The instants of jumps close to each other, one after the other and then again.
+fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> Vec<Located> {
+    let (mut jumps, mut fit, left) = descended(measured, range, candidates.to_vec());
+    if measured.has_short_window() && jumps.len() > 1 {
+        let mut scanned = candidates.to_vec();
+        for first in 1..scanned.len() {
+            settle_pair(measured, range, &mut scanned, first - 1);
+        }
+        let other = descended(measured, range, scanned);
+        if other.2 < left - BETTER {
+            (jumps, fit, _) = other;
         }
     }
     let count = jumps.len() as f64;
@@ -303,6 +348,34 @@ fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> V
             }
         })
         .collect()
+}
+
+/// Puts jump `first` and the next one, where few samples lie between them, to where both together are best: what
+/// lies between them is then known so little that each alone is best somewhere else.
+fn settle_pair(measured: &Measured, range: (usize, usize), jumps: &mut [Jump], first: usize) {
+    let pair = [jumps[first], jumps[first + 1]];
+    if pair[1].anchor - pair[0].anchor > AROUND {
+        return;
+    }
+    let positions = |jump: &Jump| {
+        let (low, high) = (jump.anchor as f64 - BEFORE, jump.anchor as f64 + AFTER);
+        std::iter::successors(Some(low), |at| Some(at + COARSE)).take_while(move |at| *at <= high)
+    };
+    let mut moved = jumps.to_vec();
+    let mut best = (f64::INFINITY, [pair[0].position, pair[1].position]);
+    for early in positions(&pair[0]) {
+        for late in positions(&pair[1]).filter(|late| *late > early + LEAST_APART) {
+            (moved[first].position, moved[first + 1].position) = (early, late);
+            let value = Voltage::fit(measured, range, &moved, None).map_or(f64::INFINITY, |fit| {
+                let bent = |index: usize| bent(measured, &fit, index, moved[index].size);
+                fit.objective + bent(first) + bent(first + 1)
+            });
+            if value < best.0 {
+                best = (value, [early, late]);
+            }
+        }
+    }
+    (jumps[first].position, jumps[first + 1].position) = best.1.into();
 }
 
 /// Root mean square of what remains at the samples a jump is spread over and their neighbours.
@@ -334,7 +407,7 @@ fn objective_at(
 
 /// What speaks against a jump that leaves most of the change to what lies on either side of it.
 fn bent(measured: &Measured, fit: &Voltage, index: usize, size: f64) -> f64 {
-    if 2.0 * measured.half_width > SHORT_WINDOW || size < LARGE {
+    if !measured.has_short_window() || size < LARGE {
         return 0.0;
     }
     let missing = (HEIGHT_EXPECTED - fit.height(index) / size).max(0.0);
@@ -349,15 +422,14 @@ fn instant(
     index: usize,
     start: Option<&Voltage>,
 ) -> f64 {
-    const COARSE: f64 = 0.2;
     const FINE: f64 = 5e-4;
     let anchor = jumps[index].anchor as f64;
     let (mut low, mut high) = (anchor - BEFORE, anchor + AFTER);
     if let Some(before) = index.checked_sub(1).map(|i| jumps[i].position) {
-        low = low.max(before + 0.1);
+        low = low.max(before + LEAST_APART);
     }
     if let Some(after) = jumps.get(index + 1).map(|j| j.position) {
-        high = high.min(after - 0.1);
+        high = high.min(after - LEAST_APART);
     }
     let value = |t: f64| objective_at(measured, range, jumps, (index, t), start);
     let steps = ((high - low) / COARSE).floor();
@@ -430,126 +502,4 @@ fn unexplained(measured: &Measured, steep: &[bool], jumps: &[(Jump, Edge)]) -> V
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use std::f64::consts::PI;
-
-    /// A dip with phase jumps between two instants (seconds) that settles exponentially, through
-    /// a window of this half width and shape, by brute force.
-    fn record(rate_fps: f64, filter: PhasorFilter, (begin_s, end_s): (f64, f64)) -> Vec<Log> {
-        let half_s = filter.half_width_cycles() / 60.0;
-        let phasor = |t: f64| {
-            if t < begin_s {
-                Log::new(0.0, 0.0).exp()
-            } else if t < end_s {
-                let settling = 0.05 * (-(t - begin_s) / 0.03).exp();
-                Log::new(-0.4 - settling, -0.08 + 0.5 * (t - begin_s)).exp()
-            } else {
-                let settling = 0.04 * (-(t - end_s) / 0.05).exp();
-                Log::new(-0.01 - settling, 0.03).exp()
-            }
-        };
-        (0..400)
-            .map(|k| f64::from(k) / rate_fps)
-            .take_while(|t| *t < 2.0)
-            .map(|t| {
-                if half_s == 0.0 {
-                    return phasor(t).ln();
-                }
-                let (mut sum, mut total) = (Log::new(0.0, 0.0), 0.0);
-                for i in -2000..2000 {
-                    let offset = (f64::from(i) + 0.5) / 2000.0;
-                    let weight = filter.weight(offset);
-                    sum += phasor(t + offset * half_s) * weight;
-                    total += weight;
-                }
-                (sum / total).ln()
-            })
-            .collect()
-    }
-
-    fn series(rate_fps: f64, log: &[Log]) -> Series {
-        let n = log.len();
-        Series {
-            rate_fps,
-            nominal_hz: 60.0,
-            voltage: log.iter().map(|l| l.re.exp()).collect(),
-            angle: log.iter().map(|l| l.im).collect(),
-            frequency_hz: vec![60.0; n],
-            active: vec![1.0; n],
-            reactive: vec![0.3; n],
-            bad: vec![false; n],
-        }
-    }
-
-    fn found(rate_fps: f64, filter: PhasorFilter, instants: (f64, f64), bad: &[usize]) -> Found {
-        let log = record(rate_fps, filter, instants);
-        let mut series = series(rate_fps, &log);
-        for &k in bad {
-            series.bad[k] = true;
-        }
-        let steep = super::super::edges::steps_at_edges(&series);
-        find(&series, &log, &steep, 2e-4, FilterChoice::Auto)
-    }
-
-    #[test]
-    fn instants_and_shape_of_filtered_jumps_are_found_at_every_usual_rate() {
-        for filter in [PhasorFilter::PClass, PhasorFilter::OneCycle] {
-            for rate in [60.0, 100.0, 120.0, 200.0, 240.0] {
-                let instants = (0.906_1, 0.990_7);
-                let found = found(rate, filter, instants, &[]);
-                assert_eq!(found.filter, Some(filter), "{rate} frames/s");
-                assert_eq!(found.jumps.len(), 2, "{rate} frames/s");
-                for ((jump, _), instant) in found.jumps.iter().zip([instants.0, instants.1]) {
-                    let late_s = jump.position / rate - instant;
-                    // A settling of 5 % within 30 ms is not a parabola over 17 ms samples.
-                    assert!(late_s.abs() < 5e-4, "{rate} frames/s: {late_s} s");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn both_jumps_of_a_dip_of_three_samples_are_found() {
-        let instants = (0.906_1, 0.990_7);
-        let found = found(30.0, PhasorFilter::PClass, instants, &[]);
-        assert_eq!(found.jumps.len(), 2);
-        for ((jump, _), instant) in found.jumps.iter().zip([instants.0, instants.1]) {
-            let late = jump.position - 30.0 * instant;
-            assert!(late.abs() < 0.4, "{late} samples");
-        }
-    }
-
-    #[test]
-    fn unfiltered_jumps_keep_their_instant_open() {
-        let found = found(60.0, PhasorFilter::None, (0.906_1, 0.990_7), &[]);
-        assert_eq!(found.filter, Some(PhasorFilter::None));
-        let positions: Vec<f64> = found.jumps.iter().map(|j| j.1.position).collect();
-        assert_eq!(positions, [54.5, 59.5]);
-    }
-
-    #[test]
-    fn a_missing_sample_at_a_jump_leaves_the_instant_less_certain() {
-        let whole = found(60.0, PhasorFilter::PClass, (0.906_1, 0.990_7), &[]);
-        let holed = found(60.0, PhasorFilter::PClass, (0.906_1, 0.990_7), &[54]);
-        assert_eq!(holed.jumps.len(), 2);
-        let late = holed.jumps[0].1.position - 0.906_1 * 60.0;
-        assert!(late.abs() < 0.1, "{late} samples");
-        assert!(holed.jumps[0].1.deviation > whole.jumps[0].1.deviation);
-    }
-
-    #[test]
-    fn a_ramp_is_no_jump_behind_a_filter() {
-        // From 1 to 0.6 within 0.1 s: six steep steps in a row.
-        let log: Vec<Log> = (0..120)
-            .map(|k| {
-                let share = ((f64::from(k) - 54.0) / 6.0).clamp(0.0, 1.0);
-                Log::new((1.0 - 0.4 * share).ln(), -0.02 * PI * share)
-            })
-            .collect();
-        let series = series(60.0, &log);
-        let steep = super::super::edges::steps_at_edges(&series);
-        let found = find(&series, &log, &steep, 2e-4, FilterChoice::Auto);
-        assert!(found.jumps.is_empty(), "{:?}", found.jumps);
-    }
-}
+mod tests;

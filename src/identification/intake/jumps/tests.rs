@@ -1,0 +1,173 @@
+//! Jumps made by brute force, and one of the truth simulator, are found again.
+
+use super::*;
+use std::f64::consts::PI;
+
+/// A dip with phase jumps between two instants (seconds) that settles exponentially, through
+/// a window of this half width and shape, by brute force.
+fn record(rate_fps: f64, filter: PhasorFilter, (begin_s, end_s): (f64, f64)) -> Vec<Log> {
+    let half_s = filter.half_width_cycles() / 60.0;
+    let phasor = |t: f64| {
+        if t < begin_s {
+            Log::new(0.0, 0.0).exp()
+        } else if t < end_s {
+            let settling = 0.05 * (-(t - begin_s) / 0.03).exp();
+            Log::new(-0.4 - settling, -0.08 + 0.5 * (t - begin_s)).exp()
+        } else {
+            let settling = 0.04 * (-(t - end_s) / 0.05).exp();
+            Log::new(-0.01 - settling, 0.03).exp()
+        }
+    };
+    (0..400)
+        .map(|k| f64::from(k) / rate_fps)
+        .take_while(|t| *t < 2.0)
+        .map(|t| {
+            if half_s == 0.0 {
+                return phasor(t).ln();
+            }
+            let (mut sum, mut total) = (Log::new(0.0, 0.0), 0.0);
+            for i in -2000..2000 {
+                let offset = (f64::from(i) + 0.5) / 2000.0;
+                let weight = filter.weight(offset);
+                sum += phasor(t + offset * half_s) * weight;
+                total += weight;
+            }
+            (sum / total).ln()
+        })
+        .collect()
+}
+
+fn series(rate_fps: f64, log: &[Log]) -> Series {
+    let n = log.len();
+    Series {
+        rate_fps,
+        nominal_hz: 60.0,
+        voltage: log.iter().map(|l| l.re.exp()).collect(),
+        angle: log.iter().map(|l| l.im).collect(),
+        frequency_hz: vec![60.0; n],
+        active: vec![1.0; n],
+        reactive: vec![0.3; n],
+        bad: vec![false; n],
+    }
+}
+
+fn found(rate_fps: f64, filter: PhasorFilter, instants: (f64, f64), bad: &[usize]) -> Found {
+    let log = record(rate_fps, filter, instants);
+    let mut series = series(rate_fps, &log);
+    for &k in bad {
+        series.bad[k] = true;
+    }
+    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    find(&series, &log, &steep, 2e-4, FilterChoice::Auto)
+}
+
+#[test]
+fn instants_and_shape_of_filtered_jumps_are_found_at_every_usual_rate() {
+    for filter in [PhasorFilter::PClass, PhasorFilter::OneCycle] {
+        for rate in [60.0, 100.0, 120.0, 200.0, 240.0] {
+            let instants = (0.906_1, 0.990_7);
+            let found = found(rate, filter, instants, &[]);
+            assert_eq!(found.filter, Some(filter), "{rate} frames/s");
+            assert_eq!(found.jumps.len(), 2, "{rate} frames/s");
+            for ((jump, _), instant) in found.jumps.iter().zip([instants.0, instants.1]) {
+                let late_s = jump.position / rate - instant;
+                // A settling of 5 % within 30 ms is not a parabola over 17 ms samples.
+                assert!(late_s.abs() < 5e-4, "{rate} frames/s: {late_s} s");
+            }
+        }
+    }
+}
+
+#[test]
+fn both_jumps_of_a_dip_of_three_samples_are_found() {
+    let instants = (0.906_1, 0.990_7);
+    let found = found(30.0, PhasorFilter::PClass, instants, &[]);
+    assert_eq!(found.jumps.len(), 2);
+    for ((jump, _), instant) in found.jumps.iter().zip([instants.0, instants.1]) {
+        let late = jump.position - 30.0 * instant;
+        assert!(late.abs() < 0.4, "{late} samples");
+    }
+}
+
+/// A fault of five cycles at 30 frames/s with noise, made by the truth simulator: |V| and angle; the fault begins
+/// at 10.47 and ends at 12.97 samples. No sample holds much of its beginning, and the voltage recovers after it.
+const SHORT_FAULT: [(f64, f64); 30] = [
+    (0.99027, -0.31950),
+    (0.99069, -0.32026),
+    (0.98982, -0.31929),
+    (0.99075, -0.32023),
+    (0.99058, -0.32132),
+    (0.99108, -0.32027),
+    (0.98993, -0.31990),
+    (0.99056, -0.31945),
+    (0.99077, -0.32000),
+    (0.99019, -0.31970),
+    (0.98943, -0.31975),
+    (0.57742, -0.33080),
+    (0.53237, -0.33963),
+    (0.71066, -0.32888),
+    (0.91525, -0.32984),
+    (0.94031, -0.33150),
+    (0.95936, -0.31753),
+    (0.97451, -0.30493),
+    (0.98487, -0.30095),
+    (0.99008, -0.30517),
+    (0.99078, -0.31381),
+    (0.98987, -0.32079),
+    (0.98869, -0.32722),
+    (0.98853, -0.33097),
+    (0.98898, -0.33352),
+    (0.98913, -0.33321),
+    (0.98885, -0.33128),
+    (0.98946, -0.32734),
+    (0.98956, -0.32148),
+    (0.98933, -0.31692),
+];
+
+#[test]
+fn instants_of_a_dip_of_two_samples_are_sought_together_and_its_recovery_is_no_jump() {
+    let log: Vec<Log> = (SHORT_FAULT.iter())
+        .map(|(voltage, angle)| Log::new(voltage.ln(), *angle))
+        .collect();
+    let series = series(30.0, &log);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let found = find(&series, &log, &steep, 4e-4, FilterChoice::Auto);
+    let positions: Vec<f64> = found.jumps.iter().map(|j| j.1.position).collect();
+    assert_eq!(positions.len(), 2, "{positions:?}");
+    for (position, instant) in positions.iter().zip([10.47, 12.97]) {
+        assert!((position - instant).abs() < 0.4, "{positions:?}");
+    }
+}
+
+#[test]
+fn unfiltered_jumps_keep_their_instant_open() {
+    let found = found(60.0, PhasorFilter::None, (0.906_1, 0.990_7), &[]);
+    assert_eq!(found.filter, Some(PhasorFilter::None));
+    let positions: Vec<f64> = found.jumps.iter().map(|j| j.1.position).collect();
+    assert_eq!(positions, [54.5, 59.5]);
+}
+
+#[test]
+fn a_missing_sample_at_a_jump_leaves_the_instant_less_certain() {
+    let whole = found(60.0, PhasorFilter::PClass, (0.906_1, 0.990_7), &[]);
+    let holed = found(60.0, PhasorFilter::PClass, (0.906_1, 0.990_7), &[54]);
+    assert_eq!(holed.jumps.len(), 2);
+    let late = holed.jumps[0].1.position - 0.906_1 * 60.0;
+    assert!(late.abs() < 0.1, "{late} samples");
+    assert!(holed.jumps[0].1.deviation > whole.jumps[0].1.deviation);
+}
+
+#[test]
+fn a_ramp_is_no_jump_behind_a_filter() {
+    // From 1 to 0.6 within 0.1 s: six steep steps in a row.
+    let log: Vec<Log> = (0..120)
+        .map(|k| {
+            let share = ((f64::from(k) - 54.0) / 6.0).clamp(0.0, 1.0);
+            Log::new((1.0 - 0.4 * share).ln(), -0.02 * PI * share)
+        })
+        .collect();
+    let series = series(60.0, &log);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let found = find(&series, &log, &steep, 2e-4, FilterChoice::Auto);
+    assert!(found.jumps.is_empty(), "{:?}", found.jumps);
+}
