@@ -3,13 +3,14 @@
 //! two standard errors.
 //!
 //! ```text
-//! nice cargo run --release --example coverage -- [sites per effect] [seed]
+//! nice cargo run --release --example coverage -- [sites per effect] [seed] [spread of the composition, %] [wide]
 //! ```
 //!
 //! Right errors give 68 and 95 %. Only what means the same to simulator and estimator is compared: where
 //! a relay of the simulator has one delay, the sum of the estimator's, to the middle of the opening. Every
-//! comparison goes to the standard error output. The composition of the load varies by 2 % from event to event, so that the true share of
-//! the motors is that of the mean of the events.
+//! comparison goes to the standard error output. The composition of the load varies by 2 % from event to event if nothing else is said, so that the true share of
+//! the motors is that of the mean of the events. Compared is the fit that is published, with the narrowest spread that the
+//! events allow; with `wide` the one by which structures compete.
 #![allow(
     clippy::print_stdout,
     clippy::print_stderr,
@@ -22,7 +23,7 @@ use loadmodeld::{
     adapters::recordings::site_folder,
     disturbance::Window,
     identification::{
-        composed::{ComposedFit, ComposedFitOptions, Ground, fit},
+        composed::{ComposedFit, ComposedFitOptions, Ground, fit, narrowed, refine},
         intake::{IntakeOptions, PreparedEvent, prepare},
     },
     load_model::{Structure, composed::ComposedModel},
@@ -142,6 +143,9 @@ fn main() {
         .collect();
     let sites = numbers.first().copied().unwrap_or(25);
     let seed = numbers.get(1).copied().unwrap_or(1);
+    let spread_percent = std::env::args().nth(3).and_then(|a| a.parse().ok());
+    let spread_percent: f64 = spread_percent.unwrap_or(2.0);
+    let wide = std::env::args().any(|a| a == "wide");
     println!(
         "| effect | parameter | sites | within 1 | within 2 | median of error over standard error | no standard error |"
     );
@@ -154,10 +158,11 @@ fn main() {
                 effects: vec![*effect],
                 bad_samples: false,
                 stator_resistance: 0.0,
+                composition_spread: spread_percent / 100.0,
                 ..StudyShape::default()
             };
             match study_site(seed, number, &shape) {
-                Ok(site) => count(&site, pairs, &mut counts),
+                Ok(site) => count(&site, pairs, wide, &mut counts),
                 Err(error) => eprintln!("{} {number}: {error}", effect.name()),
             }
         }
@@ -181,12 +186,17 @@ fn main() {
     println!("| all | | {} | {} | {} | | |", total[0], total[1], total[2]);
 }
 
-fn count(site: &SyntheticSite, pairs: &[Pair], counts: &mut BTreeMap<&'static str, Count>) {
+fn count(
+    site: &SyntheticSite,
+    pairs: &[Pair],
+    wide: bool,
+    counts: &mut BTreeMap<&'static str, Count>,
+) {
     let Some(hidden) = site.options.effects.first() else {
         return;
     };
     let name = hidden.effect().name();
-    let Some(fitted) = fitted(site, name) else {
+    let Some(fitted) = fitted(site, name, wide) else {
         eprintln!("{}: no fit", site.options.site.name);
         return;
     };
@@ -246,7 +256,7 @@ fn weighted_sum(fitted: &ComposedFit, parts: &[(String, f64)]) -> Option<(f64, f
     (variance > 0.0).then(|| (estimate, variance.sqrt()))
 }
 
-fn fitted(site: &SyntheticSite, effect: &str) -> Option<ComposedFit> {
+fn fitted(site: &SyntheticSite, effect: &str, wide: bool) -> Option<ComposedFit> {
     let windows = site.records.iter().zip(1..).map(|(record, number)| Window {
         id: format!("event_{number:02}"),
         ..site_folder::window(&site.options.site, record)
@@ -268,5 +278,11 @@ fn fitted(site: &SyntheticSite, effect: &str) -> Option<ComposedFit> {
     let starts = [from(&events), from(&mild)];
     let origins: Vec<&ComposedFit> = starts.iter().flatten().collect();
     let ground = Ground::new(&events, &structure, &origins, &options, &|| false);
-    ground.refit(&ground.screen(effect).ok()?)
+    let sketched = ground.refit(&ground.screen(effect).ok()?)?;
+    let refined = refine(&events, sketched, effect, &options, &|| false);
+    Some(if wide {
+        refined
+    } else {
+        narrowed(&events, &refined, &options, &|| false)
+    })
 }

@@ -24,6 +24,9 @@ const TOLD_SHARE_OF_LEFT: f64 = 0.03;
 /// `fit` moved to where the events agree best on the shared parameters, with no more spread
 /// than the events need there, at most that of `options`. As it was where it does not follow the
 /// events, or where no fit of narrower spread is found.
+///
+/// Its covariance stays that of `fit`: few events that happen to agree do not show how much the composition
+/// varies, and errors stated as if it did not vary are too small (decision 0048).
 #[must_use]
 pub fn narrowed(
     events: &[PreparedEvent],
@@ -60,7 +63,13 @@ pub fn narrowed(
             again(&narrowest, shares)
         }
     };
-    moved().unwrap_or_else(|| fit.clone())
+    match moved() {
+        Some(moved) if fit.covariance.is_some() && moved.free == fit.free => ComposedFit {
+            covariance: fit.covariance.clone(),
+            ..moved
+        },
+        moved => moved.unwrap_or_else(|| fit.clone()),
+    }
 }
 
 /// What is free in a fit but for the shapes of effects.
