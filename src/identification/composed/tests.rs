@@ -1,7 +1,8 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
 use super::{
-    Baseline, ComposedFitOptions, Ground, baseline::has_no_motor, fit, refine, with_levels_of,
+    Baseline, ComposedFitOptions, Ground, baseline::has_no_motor, fit, narrowed, refine,
+    with_levels_of,
 };
 use crate::{
     disturbance::{Closing, Trigger, Window},
@@ -149,6 +150,22 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
     );
     assert!(found.bayesian_information() < base.bayesian_information() - 100.0);
     assert!(found.chi_square_per_row() < base.chi_square_per_row());
+}
+
+#[test]
+fn events_that_agree_do_not_make_stated_errors_smaller() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let events = drawn_by(&model, &model.typical(), &events());
+    let options = ComposedFitOptions::default();
+    let wide = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
+        false
+    });
+    let wide = wide.unwrap();
+    let narrow = narrowed(&events, &wide, &options, &|| false);
+    // The spread is narrower: the likelihood is another one.
+    assert!(narrow.minus_twice_log_likelihood < wide.minus_twice_log_likelihood - 1.0);
+    assert!(wide.covariance.is_some());
+    assert_eq!(narrow.covariance, wide.covariance);
 }
 
 #[test]
