@@ -63,13 +63,11 @@ pub fn narrowed(
             again(&narrowest, shares)
         }
     };
-    match moved() {
-        Some(moved) if fit.covariance.is_some() && moved.free == fit.free => ComposedFit {
-            covariance: fit.covariance.clone(),
-            ..moved
-        },
-        moved => moved.unwrap_or_else(|| fit.clone()),
+    let mut moved = moved().unwrap_or_else(|| fit.clone());
+    if fit.covariance.is_some() {
+        moved.covariance.clone_from(&fit.covariance);
     }
+    moved
 }
 
 /// What is free in a fit but for the shapes of effects.

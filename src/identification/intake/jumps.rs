@@ -350,21 +350,23 @@ fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> V
         .collect()
 }
 
-/// Puts jump `first` and the next one, where few samples lie between them, to where both together are best: what
-/// lies between them is then known so little that each alone is best somewhere else.
+/// Puts jump `first` and the next one, where few samples lie between them, to where both together are best, the
+/// others as they are: what lies between them is then known so little that each alone is best somewhere else.
 fn settle_pair(measured: &Measured, range: (usize, usize), jumps: &mut [Jump], first: usize) {
     let pair = [jumps[first], jumps[first + 1]];
     if pair[1].anchor - pair[0].anchor > AROUND {
         return;
     }
-    let positions = |jump: &Jump| {
-        let (low, high) = (jump.anchor as f64 - BEFORE, jump.anchor as f64 + AFTER);
+    let positions = |(low, high): (f64, f64)| {
         std::iter::successors(Some(low), |at| Some(at + COARSE)).take_while(move |at| *at <= high)
     };
+    let low = within(jumps, first).0;
+    let high = within(jumps, first + 1).1;
     let mut moved = jumps.to_vec();
     let mut best = (f64::INFINITY, [pair[0].position, pair[1].position]);
-    for early in positions(&pair[0]) {
-        for late in positions(&pair[1]).filter(|late| *late > early + LEAST_APART) {
+    for early in positions((low, pair[0].anchor as f64 + AFTER)) {
+        let after = (pair[1].anchor as f64 - BEFORE).max(early + LEAST_APART);
+        for late in positions((after, high)) {
             (moved[first].position, moved[first + 1].position) = (early, late);
             let value = Voltage::fit(measured, range, &moved, None).map_or(f64::INFINITY, |fit| {
                 let bent = |index: usize| bent(measured, &fit, index, moved[index].size);
@@ -414,6 +416,19 @@ fn bent(measured: &Measured, fit: &Voltage, index: usize, size: f64) -> f64 {
     (missing / HEIGHT_DEVIATION).powi(2)
 }
 
+/// Where a jump is sought, the others as they are.
+fn within(jumps: &[Jump], index: usize) -> (f64, f64) {
+    let anchor = jumps[index].anchor as f64;
+    let before = index
+        .checked_sub(1)
+        .map(|i| jumps[i].position + LEAST_APART);
+    let after = jumps.get(index + 1).map(|jump| jump.position - LEAST_APART);
+    (
+        before.map_or(anchor - BEFORE, |low| low.max(anchor - BEFORE)),
+        after.map_or(anchor + AFTER, |high| high.min(anchor + AFTER)),
+    )
+}
+
 /// The instant of one jump with the others as they are: coarse scan, then golden section.
 fn instant(
     measured: &Measured,
@@ -423,14 +438,7 @@ fn instant(
     start: Option<&Voltage>,
 ) -> f64 {
     const FINE: f64 = 5e-4;
-    let anchor = jumps[index].anchor as f64;
-    let (mut low, mut high) = (anchor - BEFORE, anchor + AFTER);
-    if let Some(before) = index.checked_sub(1).map(|i| jumps[i].position) {
-        low = low.max(before + LEAST_APART);
-    }
-    if let Some(after) = jumps.get(index + 1).map(|j| j.position) {
-        high = high.min(after - LEAST_APART);
-    }
+    let (low, high) = within(jumps, index);
     let value = |t: f64| objective_at(measured, range, jumps, (index, t), start);
     let steps = ((high - low) / COARSE).floor();
     let mut best = (f64::INFINITY, jumps[index].position);
