@@ -21,6 +21,9 @@ const BETTER: f64 = 4.0;
 /// Distance of the instants that are tried first, and least distance of two jumps, samples.
 const COARSE: f64 = 0.2;
 const LEAST_APART: f64 = 0.1;
+/// More jumps than this close to each other are a flicker: a motion that no instants explain, and whose instants would
+/// take minutes to find.
+const FLICKER: usize = 16;
 /// A jump is explained if what remains is below this share of it plus three times the noise.
 const UNEXPLAINED_SHARE: f64 = 0.05;
 /// The mean over one cycle is taken instead of the triangle, which streams of PMUs have, only if its
@@ -313,6 +316,16 @@ fn descended(
 
 /// The instants of jumps close to each other, one after the other and then again.
 fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> Vec<Located> {
+    let unexplained = |jump: &Jump| Located {
+        jump: *jump,
+        deviation: f64::INFINITY,
+        mismatch: f64::INFINITY,
+        misfit: (jump.size / measured.noise).powi(2),
+        explained: false,
+    };
+    if measured.filter != PhasorFilter::None && candidates.len() > FLICKER {
+        return candidates.iter().map(unexplained).collect();
+    }
     let (mut jumps, mut fit, left) = descended(measured, range, candidates.to_vec());
     if measured.has_short_window() && jumps.len() > 1 {
         let mut scanned = candidates.to_vec();
@@ -324,24 +337,18 @@ fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> V
             (jumps, fit, _) = other;
         }
     }
+    let Some(fit) = fit else {
+        return jumps.iter().map(unexplained).collect();
+    };
     let count = jumps.len() as f64;
     (0..jumps.len())
         .map(|index| {
             let jump = jumps[index];
-            let Some(fit) = &fit else {
-                return Located {
-                    jump,
-                    deviation: f64::INFINITY,
-                    mismatch: f64::INFINITY,
-                    misfit: (jump.size / measured.noise).powi(2),
-                    explained: false,
-                };
-            };
-            let mismatch = mismatch(measured, fit, &jump);
+            let mismatch = mismatch(measured, &fit, &jump);
             let limit = UNEXPLAINED_SHARE * jump.size + 3.0 * measured.noise;
             Located {
                 jump,
-                deviation: deviation(measured, range, &jumps, index, fit),
+                deviation: deviation(measured, range, &jumps, index, &fit),
                 mismatch,
                 misfit: fit.objective / count,
                 explained: mismatch <= limit && fit.height(index) >= HEIGHT_SHARE * jump.size,

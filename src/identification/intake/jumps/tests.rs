@@ -171,3 +171,33 @@ fn a_ramp_is_no_jump_behind_a_filter() {
     let found = find(&series, &log, &steep, 2e-4, FilterChoice::Auto);
     assert!(found.jumps.is_empty(), "{:?}", found.jumps);
 }
+
+#[test]
+fn a_flicker_is_no_row_of_jumps() {
+    // One cycle's mean at 60 frames/s of a voltage that goes to and fro every 5.3 samples.
+    let instant = |n: u32| 10.4 + 5.3 * f64::from(n);
+    let flicker = |jumps: u32| {
+        let log: Vec<Log> = (0..200)
+            .map(|k| {
+                let height: f64 = (0..jumps)
+                    .map(|n| (f64::from(k) - instant(n) + 0.5).clamp(0.0, 1.0))
+                    .zip([-0.2, 0.2].iter().cycle())
+                    .map(|(share, size)| share * size)
+                    .sum();
+                Log::new((0.95 + height).ln(), -0.02 * height)
+            })
+            .collect();
+        let series = series(60.0, &log);
+        let steep = crate::identification::intake::edges::steps_at_edges(&series);
+        let one_cycle = FilterChoice::Fixed(PhasorFilter::OneCycle);
+        find(&series, &log, &steep, 2e-4, one_cycle)
+    };
+    let few = flicker(6);
+    assert_eq!(few.jumps.len(), 6);
+    for (n, (jump, _)) in (0..).zip(&few.jumps) {
+        let late = jump.position - instant(n);
+        assert!(late.abs() < 0.1, "jump {n}: {late} samples");
+    }
+    let many = flicker(30);
+    assert!(many.jumps.is_empty() && many.unexplained.contains(&true));
+}
