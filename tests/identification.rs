@@ -11,10 +11,13 @@ use loadmodeld::{
     disturbance::{Closing, Trigger, Window},
     identification::{
         Identification, IdentificationError, IdentificationOptions, VerdictStatus, compare,
-        identify, joint_problem::PAPER_SHARES,
+        edge_timing::align,
+        fit_aligned, identify,
+        intake::{PreparedEvent, prepare},
+        joint_problem::PAPER_SHARES,
     },
     measurement::{Quality, Record, Sample, Site},
-    truth,
+    truth::{self, EventKind, StudyShape, study_site},
 };
 
 fn structure() -> Vec<String> {
@@ -335,4 +338,62 @@ fn a_cancelled_fit_says_so() {
     let options = IdentificationOptions::default();
     let error = identify(&site, &windows[..2], &structure(), &options, &|| true).unwrap_err();
     assert_eq!(error, IdentificationError::Cancelled);
+}
+
+#[test]
+fn power_tells_of_instants_what_the_one_voltage_that_holds_a_jump_leaves_open() {
+    // 30 frames/s behind a window of two cycles: one sample, or parts of two, hold each jump.
+    let shape = StudyShape {
+        effects: Vec::new(),
+        noise: 0.0005,
+        rate_fps: 30.0,
+        events: 8,
+        composition_spread: 0.005,
+        ..StudyShape::default()
+    };
+    let made = study_site(4242, 99_001, &shape).unwrap();
+    let options = IdentificationOptions::default();
+    let (mut events, mut instants) = (Vec::new(), Vec::new());
+    for (record, truth) in made.records.iter().zip(&made.truth) {
+        let window = site_folder::window(&made.options.site, record);
+        let Ok(event) = prepare(&window, &options.intake) else {
+            continue;
+        };
+        let plan = &truth.plan;
+        let cleared = plan.onset_s + plan.cycles / made.options.site.nominal_hz;
+        // Plain faults: inception and clearing.
+        if plan.kind == EventKind::Fault && event.edges.len() == 2 {
+            instants.push([plan.onset_s, cleared].map(|s| s * shape.rate_fps));
+            events.push(event);
+        }
+    }
+    assert!(events.len() >= 3, "{} faults", events.len());
+    let (found, events) =
+        fit_aligned(events, options.problem, &options.search.sketch(), &|| false).unwrap();
+    let model = &found.solutions[0].model;
+    let near_edges = |event: &PreparedEvent| -> f64 {
+        let curves = model.simulate(event).unwrap();
+        let square = |k: usize| {
+            let active = (curves.active[k] - event.active[k]) / event.active_noise;
+            let reactive = (curves.reactive[k] - event.reactive[k]) / event.reactive_noise;
+            active.powi(2) + reactive.powi(2)
+        };
+        let near = (0..event.len()).filter(|&k| event.near_edge[k] && event.used[k]);
+        near.map(square).sum()
+    };
+    let late = |event: &PreparedEvent, truth: &[f64; 2]| -> f64 {
+        let pairs = event.edges.iter().zip(truth);
+        pairs.map(|(edge, t)| (edge.position - t).abs()).sum()
+    };
+    let aligned: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
+    let total = |events: &[PreparedEvent]| -> (f64, f64) {
+        let left = events.iter().map(near_edges).sum();
+        (
+            left,
+            events.iter().zip(&instants).map(|(e, t)| late(e, t)).sum(),
+        )
+    };
+    let (before, after) = (total(&events), total(&aligned));
+    assert!(after.0 < 0.5 * before.0, "{before:?}, {after:?}");
+    assert!(after.1 < 0.7 * before.1, "{before:?}, {after:?}");
 }

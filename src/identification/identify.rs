@@ -180,13 +180,14 @@ pub fn conclude(
     options: &IdentificationOptions,
 ) -> Result<Identification, IdentificationError> {
     let best = site_fit.best()?;
-    let (problem, fitted) = (&site_fit.problem, &site_fit.measured);
+    let problem = &site_fit.problem;
     let model = site_fit.model(best);
     let model = model.as_ref();
-    let held: Vec<PreparedEvent> = site_fit.held.iter().map(|e| align(model, e)).collect();
-    let reference = StaticModel::fit(fitted);
+    let aligned = |events: &[PreparedEvent]| events.iter().map(|e| align(model, e)).collect();
+    let (fitted, held): (Vec<_>, Vec<_>) = (aligned(&site_fit.measured), aligned(&site_fit.held));
+    let reference = StaticModel::fit(&fitted);
     let infeasible = |_| IdentificationError::NoSolution;
-    let fit_errors = errors(model, &reference, fitted).map_err(infeasible)?;
+    let fit_errors = errors(model, &reference, &fitted).map_err(infeasible)?;
     let held_errors = if held.is_empty() {
         None
     } else {
@@ -205,7 +206,7 @@ pub fn conclude(
     estimates.notes.extend(site_fit.best_only_note());
     let evidence = Evidence {
         model,
-        fitted,
+        fitted: &fitted,
         held_out: &held,
         fit_errors: &fit_errors,
         held_out_errors: held_errors.as_ref(),
@@ -219,7 +220,7 @@ pub fn conclude(
         &site_fit.structure,
         (estimates, &precision),
         operating_point,
-        (fitted, fit_errors),
+        (&fitted, fit_errors),
         (&held, held_errors),
         verdict,
     );

@@ -237,7 +237,7 @@ pub fn fit_aligned(
     const ROUNDS_MAX: usize = 12;
     let mut turns = Turns::default();
     let mut spent = Cost::default();
-    let open = events.iter().any(PreparedEvent::instants_open);
+    let open = events.iter().any(PreparedEvent::instants_unseen);
     // Where the jumps are is settled by local solutions alone, and explored from there.
     let mut exploring = !open && search.explored_below_per_row.is_infinite();
     let rows: usize = events.iter().map(PreparedEvent::rows).sum();
@@ -260,7 +260,14 @@ pub fn fit_aligned(
         };
         let objective = best.point.objective;
         let next = open.then(|| {
-            let aligned: Vec<_> = events.iter().map(|e| align(&best.model, e)).collect();
+            let aligned = |event: &PreparedEvent| {
+                if event.instants_unseen() {
+                    align(&best.model, event)
+                } else {
+                    event.clone()
+                }
+            };
+            let aligned: Vec<_> = events.iter().map(aligned).collect();
             turns.next(objective, &instants(&events), &instants(&aligned))
         });
         let settled = next.as_ref().is_none_or(|next| next.settled) || round % ROUNDS_MAX == 0;
@@ -289,7 +296,7 @@ fn with_instants(events: &[PreparedEvent], instants: &[f64]) -> Vec<PreparedEven
     let mut moved = |event: &PreparedEvent| {
         let pairs = event.edges.iter().zip(instants.by_ref());
         let positions: Vec<f64> = pairs.map(|(edge, at)| kept_between(edge, *at)).collect();
-        if event.instants_open() {
+        if event.instants_unseen() {
             event.with_edge_positions(&positions)
         } else {
             event.clone()

@@ -285,7 +285,7 @@ fn refuse_ramps(measured: &Measured, list: &mut [Located]) {
 
 impl Measured {
     /// Whether so few samples hold a jump that what lies on either side of it may stand in for it.
-    fn has_short_window(&self) -> bool {
+    pub(super) fn has_short_window(&self) -> bool {
         let width = 2.0 * self.half_width;
         0.0 < width && width <= SHORT_WINDOW
     }

@@ -129,9 +129,17 @@ impl PreparedEvent {
     }
 
     /// Whether P and Q can tell more about the instants of the jumps: no filter has spread them, so
-    /// that voltages leave them open.
+    /// that voltages leave them open, or so short a one that one or two voltages hold each.
     #[must_use]
     pub fn instants_open(&self) -> bool {
+        let short = |origin: &Origin| origin.measured.has_short_window();
+        !self.edges.is_empty()
+            && (self.instants_unseen() || self.origin.as_ref().is_some_and(short))
+    }
+
+    /// Whether voltages say nothing of the instants but the samples they lie between: no filter has spread the jumps.
+    #[must_use]
+    pub fn instants_unseen(&self) -> bool {
         self.filter == Some(PhasorFilter::None)
     }
 
