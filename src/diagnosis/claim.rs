@@ -96,9 +96,13 @@ fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
 }
 
 /// The same of the held-out events. Where they are followed, an effect that stands out needs no more there
-/// than of the fitted ones.
+/// than of the fitted ones, and one that is evident in the fitted ones nothing: the held-out ones may be mild.
 fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
-    if evidence.is_followed(options) && evidence.stands_out(options) {
+    if !evidence.is_followed(options) {
+        options.held_out_fall_min
+    } else if evidence.delta_bic <= -options.evident_delta_bic {
+        0.0
+    } else if evidence.stands_out(options) {
         needed_fall(evidence, options)
     } else {
         options.held_out_fall_min
@@ -318,6 +322,22 @@ mod tests {
         });
         let elsewhere = Evidence { gate, ..small };
         assert!(objections(&elsewhere, &options).is_empty());
+    }
+
+    #[test]
+    fn what_is_evident_in_followed_events_need_not_show_in_mild_held_out_ones() {
+        let options = ClaimOptions::default();
+        let of = |delta_bic: f64, after: f64| Evidence {
+            chi_square_before: 0.71,
+            gate: Some(GateEvidence {
+                before: 0.671,
+                after,
+            }),
+            ..evidence(delta_bic, 0.48, true)
+        };
+        assert!(objections(&of(-758.0, 0.657), &options).is_empty());
+        assert_eq!(objections(&of(-400.0, 0.657), &options).len(), 1);
+        assert_eq!(objections(&of(-758.0, 0.68), &options).len(), 1);
     }
 
     #[test]
