@@ -50,9 +50,10 @@ pub struct ClaimOptions {
     /// ... and then needs this share only, of the fitted and of the held-out events, at the floor (above it, where
     /// the events are followed, `fall_min` of either).
     pub distinct_fall_min: f64,
-    /// Where fitted and held-out events are followed already, an effect that lowers the criterion by this much need
-    /// only not be worse on the held-out ones.
+    /// Where fitted and held-out events are followed already, an effect that lowers the criterion by this much ...
     pub evident_delta_bic: f64,
+    /// ... needs this share only of the held-out ones, which may be mild.
+    pub evident_held_out_fall_min: f64,
     /// Where the held-out events are followed already and the fitted ones are not, an effect may leave at
     /// most this share of what is above the floor.
     pub silent_left_share: f64,
@@ -90,6 +91,7 @@ impl Default for ClaimOptions {
             distinct_runner_up: 0.6,
             distinct_fall_min: 0.03,
             evident_delta_bic: 500.0,
+            evident_held_out_fall_min: 0.01,
             silent_left_share: 0.2,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
