@@ -58,10 +58,11 @@ pub fn align(model: &dyn EventModel, event: &PreparedEvent) -> PreparedEvent {
         let apart = at.iter().zip(&prior).map(|(at, p)| p.pull(*at).powi(2));
         left + apart.sum::<f64>()
     };
-    if misfit(&at) > misfit(&start) {
-        return event.clone();
+    if misfit(&at) <= misfit(&start) {
+        event.with_edge_positions(&at)
+    } else {
+        event.clone()
     }
-    event.with_edge_positions(&at)
 }
 
 /// What is known of an instant before P and Q are looked at, samples.
