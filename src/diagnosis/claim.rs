@@ -236,6 +236,35 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
     chosen
 }
 
+/// The answer set of trials of which some are companions (marked), each tried by itself, best criterion first: what a
+/// companion stands in for where that is better by as much as a claim needs, and otherwise the companion, which every
+/// motor has and which nothing that resembles it speaks against.
+pub(super) fn companions_or_rivals(
+    list: &[(Evidence, bool)],
+    options: &ClaimOptions,
+) -> Vec<usize> {
+    let may = |evidence: &Evidence| objections(evidence, options).is_empty();
+    let judged: Vec<(Evidence, bool)> = (list.iter())
+        .map(|(evidence, _)| (evidence.clone(), may(evidence)))
+        .collect();
+    let chosen = answer_set(&judged, options);
+    let companions = list.iter().filter(|(_, is_companion)| *is_companion);
+    let gained = companions.map(|(evidence, _)| evidence.delta_bic);
+    let needed = gained.fold(0.0, f64::min) - options.delta_bic_min;
+    let clearly = |best: &usize| list[*best].0.delta_bic <= needed;
+    if chosen.first().is_some_and(clearly) && !chosen.iter().any(|&i| list[i].1) {
+        return chosen;
+    }
+    let unrivalled = |(evidence, is_companion): &(Evidence, bool)| {
+        let alone = Evidence {
+            runner_up: 0.0,
+            ..evidence.clone()
+        };
+        *is_companion && may(&alone)
+    };
+    list.iter().position(unrivalled).into_iter().collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -465,5 +494,26 @@ mod tests {
             ..evidence(-500.0, 6.0, true)
         };
         assert!(reaches(&large, &options));
+    }
+
+    #[test]
+    fn a_companion_gives_way_to_what_is_clearly_better_by_itself() {
+        let options = ClaimOptions::default();
+        let companion = |gain: f64| (evidence(gain, 2.1, true), true);
+        let rival = |gain: f64| (evidence(gain, 2.0, true), false);
+        let clear = [rival(-1300.0), companion(-1180.0)];
+        assert_eq!(companions_or_rivals(&clear, &options), [0]);
+        // Better by less than a claim needs, or not at all.
+        let near = [rival(-270.0), companion(-250.0)];
+        assert_eq!(companions_or_rivals(&near, &options), [1]);
+        let worse = [companion(-1180.0), rival(-900.0)];
+        assert_eq!(companions_or_rivals(&worse, &options), [0]);
+        // What may not be declared takes no one's place.
+        let mut stretched = rival(-1300.0);
+        stretched.0.amplitude_over_meaningful = 0.5;
+        let refused = [stretched, companion(-1180.0)];
+        assert_eq!(companions_or_rivals(&refused, &options), [1]);
+        let nothing = [rival(-20.0), companion(-10.0)];
+        assert!(companions_or_rivals(&nothing, &options).is_empty());
     }
 }

@@ -2,7 +2,9 @@
 
 use super::{
     case::Case,
-    claim::{ADEQUATE_FLOORS, Evidence, answer_set, decisive, objections, reaches},
+    claim::{
+        ADEQUATE_FLOORS, Evidence, answer_set, companions_or_rivals, decisive, objections, reaches,
+    },
     departures::departures,
     equals::beside_companions,
     outcome::Status,
@@ -13,7 +15,7 @@ use crate::{
         IdentificationError,
         composed::{Baseline, ComposedFit},
     },
-    load_model::effect::Kind,
+    load_model::{effect::Kind, effects::find},
 };
 
 /// What every motor has: left out of the model it makes other effects look missing, so that every
@@ -84,19 +86,20 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
         && decision.answer.is_empty()
         && decision.status != Status::CannotJudge
     {
-        // Nothing else is missing: the companions speak for themselves.
-        let present = |name: &&&str| !asked.baseline.structure.contains(name);
-        let names: Vec<&'static str> = COMPANIONS.iter().filter(present).copied().collect();
+        // Nothing else is missing beside them: the companions speak for themselves, unless one only stands in for what it
+        // resembles.
+        let absent = |name: &&&str| !asked.baseline.structure.contains(name);
+        let mut names: Vec<&'static str> = COMPANIONS.iter().filter(absent).copied().collect();
+        names.extend(rivals(case, &list, &names));
         let (own_base, own) = trials(case, asked, &names)?;
         asked = own_base;
-        let declared = |t: &Trial| {
-            let evidence = t.evidence.as_ref();
-            evidence.is_some_and(|e| objections(e, &case.options.claim).is_empty())
-        };
-        let first = own.iter().position(declared).map(|k| list.len() + k);
+        list.retain(|trial| !own.iter().any(|alone| alone.name() == trial.name()));
+        let first = list.len();
+        let answer = of_companions(case, &own);
+        let answer: Vec<usize> = answer.into_iter().map(|place| first + place).collect();
         list.extend(own);
-        if let Some(place) = first {
-            decision = companion_decision(case, with, &list[place], decision, place);
+        if let Some(&place) = answer.first() {
+            decision = companion_decision(case, with, &list[place], decision, answer);
         }
     }
     Ok(Round {
@@ -105,6 +108,35 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
         trials: list,
         decision,
     })
+}
+
+/// What some companions resemble, and what beside them would lower the criterion by as much as a claim needs.
+fn rivals(case: &Case<'_>, list: &[Trial], companions: &[&str]) -> Vec<&'static str> {
+    let needed = -case.options.claim.delta_bic_min;
+    let resembled = |name: &str| {
+        let own = companions.iter().filter_map(|companion| find(companion));
+        own.flat_map(|effect| effect.declaration().resembles)
+            .any(|other| *other == name)
+    };
+    let gains = |trial: &&Trial| {
+        let evidence = trial.evidence.as_ref();
+        evidence.is_some_and(|e| e.delta_bic <= needed) && resembled(trial.name())
+    };
+    list.iter().filter(gains).map(Trial::name).collect()
+}
+
+/// [`companions_or_rivals`] of trials, as places in their list.
+fn of_companions(case: &Case<'_>, own: &[Trial]) -> Vec<usize> {
+    let options = &case.options.claim;
+    let refitted: Vec<(usize, Evidence)> = (own.iter().enumerate())
+        .filter_map(|(place, trial)| Some((place, trial.evidence.clone()?)))
+        .collect();
+    let is_companion = |place: usize| COMPANIONS.contains(&own[place].name());
+    let list: Vec<(Evidence, bool)> = (refitted.iter())
+        .map(|(place, evidence)| (evidence.clone(), is_companion(*place)))
+        .collect();
+    let chosen = companions_or_rivals(&list, options);
+    chosen.into_iter().map(|i| refitted[i].0).collect()
 }
 
 /// The baseline with the companions that lower the criterion; none where none does.
@@ -325,7 +357,7 @@ fn companion_decision(
     with: &Fitted,
     own: &Trial,
     before: Decision,
-    place: usize,
+    answer: Vec<usize>,
 ) -> Decision {
     let chi_square = with.chi_square();
     let enough = chi_square < ADEQUATE_FLOORS * case.options.claim.floor;
@@ -341,8 +373,11 @@ fn companion_decision(
         reasons.extend(before.reasons);
     }
     Decision {
-        status: Status::MissingEffect,
-        answer: vec![place],
+        status: match own.declaration.kind {
+            Kind::Physics => Status::MissingEffect,
+            Kind::Instrument => Status::InstrumentSuspect,
+        },
+        answer,
         reasons,
         second: None,
     }
