@@ -96,12 +96,19 @@ fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
 }
 
 /// The same of the held-out events. Where they are followed, an effect that stands out needs no more there
-/// than of the fitted ones, and one that is evident in these next to nothing: the held-out ones may be mild.
+/// than of the fitted ones, and one that is evident in these next to nothing: the held-out ones may be mild. One without
+/// which much more would be left of these needs nothing: the held-out ones may not excite it at all.
 fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
     if !evidence.is_followed(options) {
         options.held_out_fall_min
     } else if evidence.delta_bic <= -options.evident_delta_bic {
-        options.evident_held_out_fall_min
+        let own = fall(evidence.chi_square_before, evidence.chi_square_after);
+        let is_large = own >= options.evident_fall;
+        if is_large {
+            0.0
+        } else {
+            options.evident_held_out_fall_min
+        }
     } else if evidence.stands_out(options) {
         needed_fall(evidence, options)
     } else {
@@ -367,6 +374,15 @@ mod tests {
         assert!(objections(&of(-758.0, 0.657), &options).is_empty());
         assert_eq!(objections(&of(-400.0, 0.657), &options).len(), 1);
         assert_eq!(objections(&of(-758.0, 0.67), &options).len(), 1);
+        // What most of the misfit of the fitted events goes to need not show there at all, ...
+        let large = |after: f64| Evidence {
+            chi_square_before: 1.28,
+            chi_square_after: 0.25,
+            ..of(-10_984.0, after)
+        };
+        assert!(objections(&large(0.67), &options).is_empty());
+        // ... but must not make them worse.
+        assert_eq!(objections(&large(0.68), &options).len(), 1);
     }
 
     #[test]

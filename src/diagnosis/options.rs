@@ -52,8 +52,11 @@ pub struct ClaimOptions {
     pub distinct_fall_min: f64,
     /// Where fitted and held-out events are followed already, an effect that lowers the criterion by this much ...
     pub evident_delta_bic: f64,
-    /// ... needs this share only of the held-out ones, which may be mild.
+    /// ... needs this share only of the held-out ones, which may be mild, ...
     pub evident_held_out_fall_min: f64,
+    /// ... and where it lowers the weighted squares of the fitted ones by this share nothing of them: they may not
+    /// become worse.
+    pub evident_fall: f64,
     /// Where the held-out events are followed already and the fitted ones are not, an effect may leave at
     /// most this share of what is above the floor.
     pub silent_left_share: f64,
@@ -92,6 +95,7 @@ impl Default for ClaimOptions {
             distinct_fall_min: 0.03,
             evident_delta_bic: 500.0,
             evident_held_out_fall_min: 0.01,
+            evident_fall: 0.30,
             silent_left_share: 0.2,
             rival_share: 0.05,
             rival_share_of_left: 0.03,

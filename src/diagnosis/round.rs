@@ -91,13 +91,18 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
         let absent = |name: &&&str| !asked.baseline.structure.contains(name);
         let mut names: Vec<&'static str> = COMPANIONS.iter().filter(absent).copied().collect();
         names.extend(rivals(case, &list, &names));
-        let (own_base, own) = trials(case, asked, &names)?;
+        let (own_base, mut own) = trials(case, asked, &names)?;
         asked = own_base;
+        let named: Vec<&str> = of_companions(case, &own)
+            .into_iter()
+            .map(|place| own[place].name())
+            .collect();
+        // What a rival that is not named gains beside the companions says more of it.
+        own.retain(|trial| named.contains(&trial.name()) || COMPANIONS.contains(&trial.name()));
         list.retain(|trial| !own.iter().any(|alone| alone.name() == trial.name()));
-        let first = list.len();
-        let answer = of_companions(case, &own);
-        let answer: Vec<usize> = answer.into_iter().map(|place| first + place).collect();
         list.extend(own);
+        let place_of = |name: &&str| list.iter().position(|trial| trial.name() == *name);
+        let answer: Vec<usize> = named.iter().filter_map(place_of).collect();
         if let Some(&place) = answer.first() {
             decision = companion_decision(case, with, &list[place], decision, answer);
         }
