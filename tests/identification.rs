@@ -368,9 +368,10 @@ fn power_tells_of_instants_what_the_one_voltage_that_holds_a_jump_leaves_open() 
         }
     }
     assert!(events.len() >= 3, "{} faults", events.len());
-    let (found, events) =
+    let aligned =
         fit_aligned(events, options.problem, &options.search.sketch(), &|| false).unwrap();
-    let model = &found.solutions[0].model;
+    let events = aligned.events;
+    let model = &aligned.found.solutions[0].model;
     let near_edges = |event: &PreparedEvent| -> f64 {
         let curves = model.simulate(event).unwrap();
         let square = |k: usize| {

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     disturbance::Window,
     identification::{
-        ErrorSummary, FittedSite, Identification, IdentificationError,
+        AlignedFit, ErrorSummary, FittedSite, Identification, IdentificationError, ReactiveTrend,
         composed::{self, Baseline, ComposedFit, ComposedFitOptions, ComposedLoad},
         conclude,
         edge_timing::align,
@@ -64,6 +64,8 @@ pub(super) struct Case<'a> {
     pub(super) refused: Vec<(String, String)>,
     problem: ProblemOptions,
     pub(super) found: Fit,
+    /// How the reactive coefficients of all events go with Q0/P0.
+    pub(super) trend: ReactiveTrend,
 }
 
 impl<'a> Case<'a> {
@@ -98,7 +100,12 @@ impl<'a> Case<'a> {
             explored_below_per_row: EXPLORED_BELOW_PER_ROW,
             ..options.identification.search
         };
-        let (found, judged) = fit_aligned(judged, problem, &search, watcher.cancel)?;
+        let AlignedFit {
+            found,
+            events: judged,
+            trend,
+        } = fit_aligned(judged, problem, &search, watcher.cancel)?;
+        let untouched = untouched.iter().map(|e| trend.applied_to(e)).collect();
         Ok(Self {
             site,
             options,
@@ -109,6 +116,7 @@ impl<'a> Case<'a> {
             refused,
             problem,
             found,
+            trend,
         })
     }
 
@@ -418,6 +426,7 @@ impl<'a> Case<'a> {
             weighted: fitted.clone(),
             measured: fitted,
             held,
+            trend: self.trend,
             refused: self.refused.clone(),
             composed: Some(fit),
         };

@@ -369,7 +369,7 @@ mod tests {
                 before: 0.671,
                 after,
             }),
-            ..evidence(delta_bic, 0.48, true)
+            ..evidence(delta_bic, 0.55, true)
         };
         assert!(objections(&of(-758.0, 0.657), &options).is_empty());
         assert_eq!(objections(&of(-400.0, 0.657), &options).len(), 1);

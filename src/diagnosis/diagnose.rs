@@ -132,7 +132,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         answer_set,
         untestable: trials().filter_map(|t| untestable(round, t)).collect(),
         unexplained,
-        model: Some(FittedStructure::of(fit)),
+        model: Some(FittedStructure::of(fit, &case.trend)),
         cost: DiagnosisCost {
             simulations: trials()
                 .filter_map(|t| t.fit.as_ref())
@@ -238,7 +238,9 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
                 .as_ref()
                 .map(|fit| composed_parameters(fit, trial.name()))
                 .unwrap_or_default(),
-            model: fit.as_ref().map(FittedStructure::of),
+            model: fit
+                .as_ref()
+                .map(|fit| FittedStructure::of(fit, &case.trend)),
             declared,
             refused,
         }

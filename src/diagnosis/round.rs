@@ -25,6 +25,8 @@ use crate::{
 const COMPANIONS: [&str; 1] = ["stator_resistance"];
 /// A companion is kept when it lowers the criterion by this much.
 const COMPANION_DELTA_BIC: f64 = -10.0;
+/// A claim that leaves more than this share of the misfit is held against what the companions resemble.
+const MILD_CLAIM: f64 = 0.5;
 /// Firsts from which a pair is sought where one effect does not reach the floor.
 const FIRSTS: usize = 2;
 
@@ -83,29 +85,14 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     let base = accompanied.as_ref().unwrap_or(&asked);
     let mut decision = decide(case, base, &list)?;
     if let Some(with) = &accompanied
-        && decision.answer.is_empty()
         && decision.status != Status::CannotJudge
     {
-        // Nothing else is missing beside them: the companions speak for themselves, unless one only stands in for what it
-        // resembles.
-        let absent = |name: &&&str| !asked.baseline.structure.contains(name);
-        let mut names: Vec<&'static str> = COMPANIONS.iter().filter(absent).copied().collect();
-        names.extend(rivals(case, &list, &names));
-        let (own_base, mut own) = trials(case, asked, &names)?;
-        asked = own_base;
-        let named: Vec<&str> = of_companions(case, &own)
-            .into_iter()
-            .map(|place| own[place].name())
-            .collect();
-        // What a rival that is not named gains beside the companions says more of it.
-        own.retain(|trial| named.contains(&trial.name()) || COMPANIONS.contains(&trial.name()));
-        list.retain(|trial| !own.iter().any(|alone| alone.name() == trial.name()));
-        list.extend(own);
-        let place_of = |name: &&str| list.iter().position(|trial| trial.name() == *name);
-        let answer: Vec<usize> = named.iter().filter_map(place_of).collect();
-        if let Some(&place) = answer.first() {
-            decision = companion_decision(case, with, &list[place], decision, answer);
-        }
+        let judged = if decision.answer.is_empty() {
+            by_themselves(case, with, asked, list, decision)?
+        } else {
+            or_a_rival(case, asked, list, decision)?
+        };
+        (asked, list, decision) = (judged.asked, judged.list, judged.decision);
     }
     Ok(Round {
         asked,
@@ -115,27 +102,142 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     })
 }
 
+/// The structure as asked, all trials, and what they decide.
+struct Judged {
+    asked: Fitted,
+    list: Vec<Trial>,
+    decision: Decision,
+}
+
+/// Nothing else is missing beside the companions: they speak for themselves, unless one only stands in for what it
+/// resembles.
+fn by_themselves(
+    case: &Case<'_>,
+    with: &Fitted,
+    asked: Fitted,
+    mut list: Vec<Trial>,
+    mut decision: Decision,
+) -> Result<Judged, IdentificationError> {
+    let mut names = absent_companions(&asked);
+    names.extend(rivals(case, &list, &names));
+    let (asked, own) = trials(case, asked, &names)?;
+    let named = of_companions(case, &own);
+    let answer = taken_over(&mut list, own, &named);
+    if let Some(&place) = answer.first() {
+        decision = companion_decision(case, with, &list[place], decision, answer);
+    }
+    Ok(Judged {
+        asked,
+        list,
+        decision,
+    })
+}
+
+/// A claim beside the companions stands, unless what one of them resembles explains clearly more by itself than the
+/// companion and what is claimed together.
+fn or_a_rival(
+    case: &Case<'_>,
+    asked: Fitted,
+    mut list: Vec<Trial>,
+    mut decision: Decision,
+) -> Result<Judged, IdentificationError> {
+    let claimed = &list[decision.answer[0]];
+    let beside = |e: &Evidence| e.chi_square_after > MILD_CLAIM * e.chi_square_before;
+    let mild = claimed.evidence.as_ref().is_some_and(beside);
+    let resembled = resembled(&absent_companions(&asked));
+    let answered = |name: &&str| decision.answer.iter().any(|&i| list[i].name() == *name);
+    let criterion = claimed.fit.as_ref().map(ComposedFit::criterion);
+    let (Some(criterion), true, false) = (criterion, mild, resembled.iter().any(answered)) else {
+        return Ok(Judged {
+            asked,
+            list,
+            decision,
+        });
+    };
+    let may_be_added = addable(&asked.baseline.structure, case.options);
+    let names: Vec<&'static str> = (may_be_added.into_iter())
+        .filter(|name| resembled.contains(name))
+        .collect();
+    let (asked, own) = trials(case, asked, &names)?;
+    let needed = criterion - case.options.claim.delta_bic_min;
+    let clearly = |trial: &Trial| (trial.fit.as_ref()).is_some_and(|f| f.criterion() <= needed);
+    let named: Vec<usize> = (declared(case, &own).into_iter())
+        .filter(|&place| clearly(&own[place]))
+        .collect();
+    if let Some(evidence) = named.first().and_then(|&place| own[place].evidence.clone()) {
+        let name = own[named[0]].name();
+        let answer = taken_over(&mut list, own, &named);
+        decision = Decision {
+            status: status_of(&list[answer[0]]),
+            reasons: vec![found(name, &evidence)],
+            answer,
+            second: None,
+        };
+    }
+    Ok(Judged {
+        asked,
+        list,
+        decision,
+    })
+}
+
+fn absent_companions(asked: &Fitted) -> Vec<&'static str> {
+    let absent = |name: &&&str| !asked.baseline.structure.contains(name);
+    COMPANIONS.iter().filter(absent).copied().collect()
+}
+
+/// Puts trials of the structure as asked in the place of those beside the companions: the companions' own and those
+/// `named`, whose places in the list are returned. What a rival that is not named gains beside the companions says more
+/// of it.
+fn taken_over(list: &mut Vec<Trial>, mut own: Vec<Trial>, named: &[usize]) -> Vec<usize> {
+    let named: Vec<&str> = named.iter().map(|&place| own[place].name()).collect();
+    own.retain(|trial| named.contains(&trial.name()) || COMPANIONS.contains(&trial.name()));
+    list.retain(|trial| !own.iter().any(|alone| alone.name() == trial.name()));
+    list.extend(own);
+    let place_of = |name: &&str| list.iter().position(|trial| trial.name() == *name);
+    named.iter().filter_map(place_of).collect()
+}
+
+/// What some companions resemble.
+fn resembled(companions: &[&str]) -> Vec<&'static str> {
+    let own = companions.iter().filter_map(|companion| find(companion));
+    own.flat_map(|effect| effect.declaration().resembles)
+        .copied()
+        .collect()
+}
+
 /// What some companions resemble, and what beside them would lower the criterion by as much as a claim needs.
 fn rivals(case: &Case<'_>, list: &[Trial], companions: &[&str]) -> Vec<&'static str> {
     let needed = -case.options.claim.delta_bic_min;
-    let resembled = |name: &str| {
-        let own = companions.iter().filter_map(|companion| find(companion));
-        own.flat_map(|effect| effect.declaration().resembles)
-            .any(|other| *other == name)
-    };
+    let resembled = resembled(companions);
     let gains = |trial: &&Trial| {
         let evidence = trial.evidence.as_ref();
-        evidence.is_some_and(|e| e.delta_bic <= needed) && resembled(trial.name())
+        evidence.is_some_and(|e| e.delta_bic <= needed) && resembled.contains(&trial.name())
     };
     list.iter().filter(gains).map(Trial::name).collect()
+}
+
+/// Trials that were refitted, with their places.
+fn refitted(list: &[Trial]) -> Vec<(usize, Evidence)> {
+    let evidence = |(place, trial): (usize, &Trial)| Some((place, trial.evidence.clone()?));
+    list.iter().enumerate().filter_map(evidence).collect()
+}
+
+/// The answer set of trials, as places in their list.
+fn declared(case: &Case<'_>, list: &[Trial]) -> Vec<usize> {
+    let options = &case.options.claim;
+    let refitted = refitted(list);
+    let judged: Vec<(Evidence, bool)> = (refitted.iter())
+        .map(|(_, evidence)| (evidence.clone(), objections(evidence, options).is_empty()))
+        .collect();
+    let chosen = answer_set(&judged, options);
+    chosen.into_iter().map(|i| refitted[i].0).collect()
 }
 
 /// [`companions_or_rivals`] of trials, as places in their list.
 fn of_companions(case: &Case<'_>, own: &[Trial]) -> Vec<usize> {
     let options = &case.options.claim;
-    let refitted: Vec<(usize, Evidence)> = (own.iter().enumerate())
-        .filter_map(|(place, trial)| Some((place, trial.evidence.clone()?)))
-        .collect();
+    let refitted = refitted(own);
     let is_companion = |place: usize| COMPANIONS.contains(&own[place].name());
     let list: Vec<(Evidence, bool)> = (refitted.iter())
         .map(|(place, evidence)| (evidence.clone(), is_companion(*place)))
@@ -174,9 +276,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
     if case.judged.len() < 2 {
         return Ok(nothing_declared(case, base));
     }
-    let refitted: Vec<(usize, Evidence)> = (list.iter().enumerate())
-        .filter_map(|(place, trial)| Some((place, trial.evidence.clone()?)))
-        .collect();
+    let refitted = refitted(list);
     let judged: Vec<(Evidence, bool)> = (refitted.iter())
         .map(|(_, evidence)| (evidence.clone(), objections(evidence, options).is_empty()))
         .collect();
@@ -192,16 +292,8 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
     let mut equals = chosen;
     equals.sort_by_key(|i| *i != best);
     let evidence = &judged[best].0;
-    let found = format!(
-        "with {} the misfit of the fitted events falls from {:.2} to {:.2} per sample",
-        list[place].name(),
-        evidence.chi_square_before,
-        evidence.chi_square_after
-    );
-    let status = match list[place].declaration.kind {
-        Kind::Physics => Status::MissingEffect,
-        Kind::Instrument => Status::InstrumentSuspect,
-    };
+    let found = found(list[place].name(), evidence);
+    let status = status_of(&list[place]);
     if reaches(evidence, options) || decisive(&judged, &equals, options) {
         return Ok(Decision {
             status,
@@ -225,6 +317,20 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
             second: None,
         },
     })
+}
+
+fn status_of(trial: &Trial) -> Status {
+    match trial.declaration.kind {
+        Kind::Physics => Status::MissingEffect,
+        Kind::Instrument => Status::InstrumentSuspect,
+    }
+}
+
+fn found(name: &str, evidence: &Evidence) -> String {
+    format!(
+        "with {name} the misfit of the fitted events falls from {:.2} to {:.2} per sample",
+        evidence.chi_square_before, evidence.chi_square_after
+    )
 }
 
 /// The first of a pair, with whom these events do not tell it from.
@@ -378,10 +484,7 @@ fn companion_decision(
         reasons.extend(before.reasons);
     }
     Decision {
-        status: match own.declaration.kind {
-            Kind::Physics => Status::MissingEffect,
-            Kind::Instrument => Status::InstrumentSuspect,
-        },
+        status: status_of(own),
         answer,
         reasons,
         second: None,

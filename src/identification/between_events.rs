@@ -60,11 +60,15 @@ impl TiedReactance {
 
 /// What P and Q of one event say of its reactive coefficients.
 #[derive(Clone, Debug, PartialEq)]
-struct EventQ {
-    ratio: f64,
-    squared_voltage_per_power: f64,
-    coefficients: Vector2<f64>,
-    precision: Matrix2<f64>,
+pub(super) struct EventQ {
+    /// Q0/P0.
+    pub(super) ratio: f64,
+    /// V0^2/P0.
+    pub(super) squared_voltage_per_power: f64,
+    /// `d_z`, `d_i`.
+    pub(super) coefficients: Vector2<f64>,
+    /// What the event's noise leaves of them.
+    pub(super) variance: Matrix2<f64>,
 }
 
 /// Range of `1/x` that is searched.
@@ -79,9 +83,15 @@ pub fn tied_reactances(
     events: &[PreparedEvent],
     options: &ProblemOptions,
 ) -> Vec<TiedReactance> {
+    let [.., z, i] = options.composition_spread;
+    let spread = Matrix2::from_diagonal(&Vector2::new(z.powi(2), i.powi(2)));
+    let with_spread = |seen: EventQ| EventQ {
+        variance: seen.variance + spread,
+        ..seen
+    };
     let seen: Vec<EventQ> = events
         .iter()
-        .filter_map(|event| event_q(solution, event, options))
+        .filter_map(|event| event_q(solution, event, options).map(with_spread))
         .collect();
     if seen.len() < 3 {
         return Vec::new();
@@ -96,9 +106,8 @@ pub fn tied_reactances(
         .collect()
 }
 
-/// `d_z`, `d_i` of one event with the motor's coordinates held, and their precision: what its noise and
-/// the spread of the composition leave.
-fn event_q(
+/// `d_z`, `d_i` of one event with the motor's coordinates held.
+pub(super) fn event_q(
     solution: &FitSolution,
     event: &PreparedEvent,
     options: &ProblemOptions,
@@ -118,18 +127,12 @@ fn event_q(
         .into_owned();
     let covariance = block.pseudo_inverse(1e-12 * at.curvature.amax()).ok()?;
     let moved = -&covariance * at.gradient.rows(OUTER, LINEAR);
-    let spread = options.composition_spread;
-    let variance = Matrix2::new(
-        covariance[(3, 3)] + spread[3].powi(2),
-        covariance[(3, 4)],
-        covariance[(4, 3)],
-        covariance[(4, 4)] + spread[4].powi(2),
-    );
+    let [z, i] = event.reactive_offset;
     Some(EventQ {
         ratio: event.q0_pu / event.p0_pu,
         squared_voltage_per_power: event.v0_pu.powi(2) / event.p0_pu,
-        coefficients: Vector2::new(linear[3] + moved[3], linear[4] + moved[4]),
-        precision: variance.try_inverse()?,
+        coefficients: Vector2::new(linear[3] + moved[3] + z, linear[4] + moved[4] + i),
+        variance: covariance.fixed_view::<2, 2>(3, 3).into_owned(),
     })
 }
 
@@ -144,11 +147,12 @@ fn regression(
     let (mut normal, mut right) = (DMatrix::zeros(size, size), DVector::zeros(size));
     let mut square = 0.0;
     for event in seen {
+        let precision = event.variance.try_inverse()?;
         let a = columns(event);
         let y = event.coefficients - Vector2::new(offset, 0.0);
-        normal += a.transpose() * event.precision * &a;
-        right += a.transpose() * event.precision * y;
-        square += (y.transpose() * event.precision * y)[0];
+        normal += a.transpose() * precision * &a;
+        right += a.transpose() * precision * y;
+        square += (y.transpose() * precision * y)[0];
     }
     let covariance = normal.try_inverse()?;
     let estimate = &covariance * &right;
@@ -227,7 +231,7 @@ mod tests {
                     ratio,
                     squared_voltage_per_power: w,
                     coefficients: Vector2::new(square, line),
-                    precision: Matrix2::new(1e4, 0.0, 0.0, 1e4),
+                    variance: Matrix2::from_diagonal_element(1e-4),
                 }
             })
             .collect()

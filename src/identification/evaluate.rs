@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     ErrorSummary, EventErrors,
-    gram::{at_rest, linear_rows, motor_change},
+    gram::{at_rest, linear_rows, motor_change, own_reactive},
     intake::PreparedEvent,
     joint_problem::reactive_at_rest,
 };
@@ -75,10 +75,11 @@ impl FittedModel {
             .iter()
             .zip(event.chain.static_responses())
             .map(|(motor, load)| {
-                let [p, q] = linear_rows(*motor, &load)
-                    .map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>());
+                let rows = linear_rows(*motor, &load);
+                let [p, q] = rows.map(|row| row.iter().zip(beta).map(|(a, b)| a * b).sum::<f64>());
+                let [own_p, own_q] = own_reactive(event, &rows);
                 let [p0, q0] = at_rest(event, &load);
-                (p0 + p, q0 + q)
+                (p0 + (p + own_p), q0 + (q + own_q))
             })
             .unzip();
         let mut curves = Curves { active, reactive };

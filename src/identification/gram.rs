@@ -56,6 +56,12 @@ pub(super) fn linear_rows(motor: [f64; 2], load: &StaticResponse) -> [[f64; LINE
     ]
 }
 
+/// What an event's own reactive coefficients add to those of the site, given its columns.
+pub(super) fn own_reactive(event: &PreparedEvent, linear: &[[f64; LINEAR]; 2]) -> [f64; 2] {
+    let [z, i] = event.reactive_offset;
+    linear.map(|row| z * row[3] + i * row[4])
+}
+
 /// P and Q over P0 that the instrument reports of the load before the event.
 pub(super) fn at_rest(event: &PreparedEvent, load: &StaticResponse) -> [f64; 2] {
     let q0 = event.q0_pu / event.p0_pu;
@@ -347,13 +353,14 @@ fn fixed_rows(event: &PreparedEvent, k: usize, load: &StaticResponse) -> [[f64; 
     let linear = linear_rows([0.0; 2], load);
     let rest = at_rest(event, load);
     let measured = [event.active[k], event.reactive[k]];
+    let own = own_reactive(event, &linear);
     let [unity, crossed] = load.unity;
     let offsets = [[unity, -crossed], [crossed, unity]];
     std::array::from_fn(|channel| {
         let mut row = [0.0; FIXED];
         row[..LINEAR - 1].copy_from_slice(&linear[channel][1..]);
         row[LINEAR - 1..FIXED - 1].copy_from_slice(&offsets[channel]);
-        row[FIXED - 1] = measured[channel] - rest[channel];
+        row[FIXED - 1] = measured[channel] - rest[channel] - own[channel];
         row
     })
 }

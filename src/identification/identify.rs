@@ -1,8 +1,8 @@
 //! From windows to a parameter set: prepare, split, fit jointly, validate on what was held out.
 
 use super::{
-    Bases, Comparison, Cost, DirectionRecord, ErrorSummary, OperatingPoint, ParameterSet, Solution,
-    Verdict,
+    Bases, Comparison, Cost, DirectionRecord, ErrorSummary, OperatingPoint, ParameterSet,
+    ReactiveTrend, Solution, Verdict,
     composed::ComposedLoad,
     composed_estimates::composed_estimates,
     edge_timing::align,
@@ -202,6 +202,7 @@ pub fn conclude(
         let named = estimates::estimates(best, problem, &operating_point, hz, &precision);
         (named, precision)
     };
+    estimates.derived.extend(site_fit.trend.estimates());
     estimates.notes.extend(site_fit.robust_note());
     estimates.notes.extend(site_fit.best_only_note());
     let evidence = Evidence {
@@ -245,7 +246,7 @@ pub fn compare(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    compare_model(model_of(set)?.as_ref(), windows, options)
+    compare_model(model_of(set)?.as_ref(), &trend_of(set), windows, options)
 }
 
 /// As [`compare`], of a structure with values.
@@ -258,11 +259,12 @@ pub fn compare_fitted(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    compare_model(&fitted.load()?, windows, options)
+    compare_model(&fitted.load()?, &fitted.trend(), windows, options)
 }
 
 fn compare_model(
     model: &dyn EventModel,
+    trend: &ReactiveTrend,
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
@@ -270,7 +272,8 @@ fn compare_model(
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
-    let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
+    let on_trend = |e| align(model, &trend.applied_to(e));
+    let events: Vec<PreparedEvent> = events.iter().map(on_trend).collect();
     let reference = StaticModel::fit(&events);
     let summary =
         errors(model, &reference, &events).map_err(|_| IdentificationError::NoSolution)?;
@@ -299,13 +302,14 @@ pub fn errors_on(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<ErrorSummary, IdentificationError> {
-    let model = model_of(set)?;
+    let (model, trend) = (model_of(set)?, trend_of(set));
     let (events, refused) = prepare_all(windows, &options.intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
     let model = model.as_ref();
-    let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
+    let on_trend = |e| align(model, &trend.applied_to(e));
+    let events: Vec<PreparedEvent> = events.iter().map(on_trend).collect();
     errors(model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
 }
 
@@ -514,6 +518,14 @@ fn assemble(
 }
 
 /// The model of a stored set, from its coordinates.
+/// The trend that a set was fitted with.
+fn trend_of(set: &ParameterSet) -> ReactiveTrend {
+    ReactiveTrend::from_values(|name| {
+        let found = set.derived.iter().find(|d| d.name == name);
+        found.map(|d| d.value)
+    })
+}
+
 fn model_of(set: &ParameterSet) -> Result<Box<dyn EventModel>, IdentificationError> {
     let coordinate = |name: &str| {
         let wanted = format!("coordinate_{name}");

@@ -1,7 +1,7 @@
 //! A fitted structure by itself: enough to simulate it again, without errors or verdict.
 
 use super::{
-    IdentificationError,
+    IdentificationError, ReactiveTrend,
     composed::{ComposedFit, ComposedLoad},
 };
 use crate::load_model::{Structure, composed::ComposedModel};
@@ -11,22 +11,33 @@ use crate::load_model::{Structure, composed::ComposedModel};
 pub struct FittedStructure {
     /// The parts.
     pub structure: Vec<String>,
-    /// Every parameter of the model by its name, as the model declares it.
+    /// Every parameter of the model by its name, as the model declares it, and the numbers of the
+    /// [`ReactiveTrend`] it was fitted with.
     pub values: Vec<(String, f64)>,
 }
 
 impl FittedStructure {
     /// What a fit found.
     #[must_use]
-    pub fn of(fit: &ComposedFit) -> Self {
+    pub fn of(fit: &ComposedFit, trend: &ReactiveTrend) -> Self {
         let mut structure = Structure::zip_im().names();
         structure.extend(fit.model.effect_names().map(str::to_owned));
         let parameters = fit.model.parameters().iter().zip(&fit.parameters);
         let values = parameters.map(|(parameter, value)| (parameter.name.clone(), *value));
+        let trend = trend.values();
+        let values = values.chain(trend.map(|(name, value)| (name.to_owned(), value)));
         Self {
             structure,
             values: values.collect(),
         }
+    }
+
+    /// The trend of its reactive coefficients.
+    pub(super) fn trend(&self) -> ReactiveTrend {
+        ReactiveTrend::from_values(|name| {
+            let found = self.values.iter().find(|(known, _)| known == name);
+            found.map(|(_, value)| *value)
+        })
     }
 
     /// The model.

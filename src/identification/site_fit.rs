@@ -1,7 +1,7 @@
 //! The fit of a site from its windows: prepare, split, fit, and where asked for fit again robustly.
 
 use super::{
-    Cost, IdentificationError, IdentificationOptions, OperatingPoint,
+    Cost, IdentificationError, IdentificationOptions, OperatingPoint, ReactiveTrend,
     composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed},
     edge_timing::{align, kept_between},
     evaluate::EventModel,
@@ -30,6 +30,8 @@ pub struct FittedSite {
     pub measured: Vec<PreparedEvent>,
     /// Events held out.
     pub held: Vec<PreparedEvent>,
+    /// How the reactive coefficients of all these events go with Q0/P0.
+    pub trend: ReactiveTrend,
     /// Where the set refers to.
     pub operating_point: OperatingPoint,
     /// Events that could not be used, with the reason.
@@ -121,13 +123,17 @@ pub(super) fn fit_site(
         frequency_scaled_power: structure.contains("frequency_scaled_power"),
         ..options.problem
     };
-    let (found, measured) = fit_aligned(fitted, problem, &options.search, cancel)?;
-    let (found, weighted, measured) = match options.robust {
-        None => (found, measured.clone(), measured),
-        Some(loss) => {
-            fit_again_robustly(found, measured, (problem, loss), &options.search, cancel)?
-        }
+    let begun = fit_aligned(fitted, problem, &options.search, cancel)?;
+    let (aligned, measured) = match options.robust {
+        None => (begun.clone(), begun.events),
+        Some(loss) => fit_again_robustly(begun, (problem, loss), &options.search, cancel)?,
     };
+    let AlignedFit {
+        found,
+        events: weighted,
+        trend,
+    } = aligned;
+    let held = held.iter().map(|event| trend.applied_to(event)).collect();
     let composed = compose(&structure, &found, &problem, &weighted, cancel)?;
     Ok(FittedSite {
         structure,
@@ -138,6 +144,7 @@ pub(super) fn fit_site(
         weighted,
         measured,
         held,
+        trend,
         refused,
     })
 }
@@ -176,14 +183,14 @@ fn compose(
 /// Fits again with the weights that the fit before gives the samples, until they settle: cheap local
 /// fits first, then one full search.
 fn fit_again_robustly(
-    mut found: Fit,
-    mut measured: Vec<PreparedEvent>,
+    begun: AlignedFit,
     (problem, loss): (ProblemOptions, RobustLoss),
     search: &SearchOptions,
     cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<(Fit, Vec<PreparedEvent>, Vec<PreparedEvent>), IdentificationError> {
+) -> Result<(AlignedFit, Vec<PreparedEvent>), IdentificationError> {
     const ROUNDS_MAX: usize = 12;
     const SETTLED: f64 = 0.05;
+    let (mut found, mut measured) = (begun.found, begun.events);
     let mut local = *search;
     local.trust_tech.tiers_max = 0;
     let mut spent = found.cost;
@@ -203,25 +210,39 @@ fn fit_again_robustly(
         let last = change < SETTLED || round == ROUNDS_MAX;
         let weighted = weights.iter().zip(&measured).map(|(w, e)| w.applied_to(e));
         let how = if last { search } else { &local };
-        let (mut again, weighted) = fit_aligned(weighted.collect(), problem, how, cancel)?;
-        spent.simulations += again.cost.simulations;
-        spent.sensitivity_simulations += again.cost.sensitivity_simulations;
-        again.cost = spent;
-        found = again;
-        for (plain, aligned) in measured.iter_mut().zip(&weighted) {
+        let mut again = fit_aligned(weighted.collect(), problem, how, cancel)?;
+        spent.simulations += again.found.cost.simulations;
+        spent.sensitivity_simulations += again.found.cost.sensitivity_simulations;
+        again.found.cost = spent;
+        for (plain, aligned) in measured.iter_mut().zip(&again.events) {
             let positions: Vec<f64> = aligned.edges.iter().map(|e| e.position).collect();
-            *plain = plain.with_edge_positions(&positions);
+            *plain = again
+                .trend
+                .applied_to(&plain.with_edge_positions(&positions));
         }
         if last {
-            return Ok((found, weighted, measured));
+            return Ok((again, measured));
         }
+        found = again.found;
         before = Some(weights);
     }
     Err(IdentificationError::NoSolution)
 }
 
+/// A fit with the events as it sees them.
+#[derive(Clone, Debug)]
+pub struct AlignedFit {
+    /// The fit.
+    pub found: Fit,
+    /// The events, their jumps aligned, their reactive coefficients on the trend.
+    pub events: Vec<PreparedEvent>,
+    /// That trend, as it was found before the last search.
+    pub trend: ReactiveTrend,
+}
+
 /// Fits, and where voltage jumps lie between unfiltered samples, fits again with the instants that
-/// explain P and Q best, until objective and instants settle. Events that no local solution follows to within
+/// explain P and Q best, until objective and instants settle. Of several events the last search is made with
+/// their [`ReactiveTrend`]. Events that no local solution follows to within
 /// [`SearchOptions::explored_below_per_row`] are not explored.
 ///
 /// # Errors
@@ -233,13 +254,15 @@ pub fn fit_aligned(
     problem: ProblemOptions,
     search: &SearchOptions,
     cancel: &(dyn Fn() -> bool + Sync),
-) -> Result<(Fit, Vec<PreparedEvent>), IdentificationError> {
+) -> Result<AlignedFit, IdentificationError> {
     const ROUNDS_MAX: usize = 12;
     let mut turns = Turns::default();
     let mut spent = Cost::default();
+    let mut trend = ReactiveTrend::default();
     let open = events.iter().any(PreparedEvent::instants_unseen);
-    // Where the jumps are is settled by local solutions alone, and explored from there.
-    let mut exploring = !open && search.explored_below_per_row.is_infinite();
+    let several = events.len() > 1;
+    // Where the jumps are and what goes with Q0 is settled by local solutions alone, and explored from there.
+    let mut exploring = !open && !several && search.explored_below_per_row.is_infinite();
     let rows: usize = events.iter().map(PreparedEvent::rows).sum();
     for round in 1.. {
         let how = if exploring {
@@ -272,16 +295,31 @@ pub fn fit_aligned(
         });
         let settled = next.as_ref().is_none_or(|next| next.settled) || round % ROUNDS_MAX == 0;
         let near = 2.0 * objective < search.explored_below_per_row * rows as f64;
+        if settled && !exploring {
+            trend = ReactiveTrend::between(best, &events, &problem);
+        }
         match next {
-            _ if settled && !exploring && near => exploring = true,
+            _ if settled && !exploring && near => {
+                events = on_trend(&events, &trend);
+                exploring = true;
+            }
             Some(next) if !settled => events = with_instants(&events, &next.instants),
             _ => {
                 found.scan = check(&events, problem, search, &found.solutions, cancel);
-                return Ok((found, events));
+                events = on_trend(&events, &trend);
+                return Ok(AlignedFit {
+                    found,
+                    events,
+                    trend,
+                });
             }
         }
     }
     Err(IdentificationError::NoSolution)
+}
+
+fn on_trend(events: &[PreparedEvent], trend: &ReactiveTrend) -> Vec<PreparedEvent> {
+    events.iter().map(|event| trend.applied_to(event)).collect()
 }
 
 /// The instants of all jumps, event after event.

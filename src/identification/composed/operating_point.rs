@@ -9,6 +9,9 @@ use crate::{
     load_model::{composed::ComposedModel, effect::Declared, effects},
 };
 
+/// Places of `d_z` and `d_i` in a model's vector.
+const REACTIVE: std::ops::Range<usize> = 6..8;
+
 /// Places of an amplitude and of its exponent in a model's vector.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LoadExponent {
@@ -65,6 +68,9 @@ pub(super) fn at_operating_point(
 ) -> (Vec<f64>, Vec<f64>) {
     let (mut own, slopes) = model.on_event_base(parameters, event.v0_pu, event.p0_pu);
     scale(model, parameters, event.p0_pu, &mut own);
+    for (value, offset) in own[REACTIVE].iter_mut().zip(event.reactive_offset) {
+        *value += offset;
+    }
     (own, slopes)
 }
 

@@ -94,7 +94,8 @@ const FREE: [usize; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 #[test]
 fn the_plain_structure_has_the_objective_of_the_plain_problem() {
-    let events = events();
+    let mut events = events();
+    events[1].reactive_offset = [0.03, -0.01];
     let problem = JointProblem::new(&events, ProblemOptions::default(), &|| false);
     let x = [3.4, 7.0, 0.4];
     let point = problem.point(&DVector::from_column_slice(&x)).unwrap();

@@ -62,6 +62,9 @@ pub struct PreparedEvent {
     pub p0_pu: f64,
     /// Reactive power, pu.
     pub q0_pu: f64,
+    /// What `d_z` and `d_i` are here above those of the site ([`ReactiveTrend`](crate::identification::ReactiveTrend)); zero
+    /// as prepared.
+    pub reactive_offset: [f64; 2],
     /// Whether the operating point was at rest before the event.
     pub steady_start: bool,
     /// First sample of the event part.
@@ -291,6 +294,7 @@ fn assembled(
         v0_pu: before.voltage,
         p0_pu: before.active,
         q0_pu: before.reactive,
+        reactive_offset: [0.0; 2],
         steady_start: before.steady,
         event_start: before.samples,
         chain: chain(&u.measured, &u.voltage, &input, &frequency_deviation),

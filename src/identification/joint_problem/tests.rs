@@ -65,6 +65,7 @@ fn events() -> Vec<PreparedEvent> {
             prepare(&window(name, *depth, *samples), &IntakeOptions::default()).unwrap()
         })
         .collect();
+    events[0].reactive_offset = [0.03, -0.01];
     // A gap in the middle, and a frequency that moves.
     events[1].used[100..107].fill(false);
     events
@@ -153,7 +154,9 @@ fn summed_by_rows(event: &PreparedEvent, x: &DVector<f64>, frequency_scaled: boo
             }
             row[OUTER + LINEAR] = offsets[channel][0];
             row[OUTER + LINEAR + 1] = offsets[channel][1];
-            row[Y] = measured[channel] - rest[channel];
+            let [z, i] = event.reactive_offset;
+            let own = z * linear[channel][3] + i * linear[channel][4];
+            row[Y] = measured[channel] - rest[channel] - own;
             row /= deviations[channel];
             gram += row * row.transpose();
         }

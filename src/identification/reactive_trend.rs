@@ -1,0 +1,214 @@
+//! How the reactive coefficients of a load go with its Q0/P0 from event to event.
+//!
+//! The coefficients are relative to P0 (10). A load that draws more Q at one event than at another draws it with
+//! something: with its static part as a whole, whose shares (11) stay, or with capacitors,
+//!
+//! ```text
+//! shares stay:   d_z = Q_Z r + Kpm/x,   d_i = Q_I r,   r = Q_ZIP0/P0     (1)
+//! capacitors:    d_z = d + Q0/P0,       d_i constant                     (2)
+//! ```
+//!
+//! so in either case `d_z` and `d_i` are lines over Q0/P0. Their slopes are estimated from what single events say of
+//! the two coefficients, by regression with a prior between (1) and (2); the scatter about the lines is
+//! estimated with them, by the greatest likelihood over a grid, as slopes are worth what it lets them be.
+//! `docs/decisions/0053-reactive-power-goes-with-q0.md` has what it brings.
+
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
+
+use super::{
+    ParameterEstimate,
+    between_events::{EventQ, event_q},
+    fit::FitSolution,
+    identify::median_operating_point,
+    intake::PreparedEvent,
+    joint_problem::ProblemOptions,
+};
+
+/// Slopes of `d_z` and `d_i` where the events say nothing of them ...
+const PRIOR_MEAN: [f64; 2] = [0.7, 0.2];
+/// ... and their standard deviations.
+const PRIOR_DEVIATION: [f64; 2] = [0.4, 0.4];
+/// Scatter about the lines that is tried, over the spread of the composition that fits assume.
+const SCATTERS: [f64; 9] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0, 8.0];
+/// Fewest events between which there is a trend.
+const EVENTS_MIN: usize = 2;
+
+/// Names of a trend's numbers in parameter sets.
+const NAMES: [&str; 3] = ["Q0_over_P0", "d_z_by_Q0_over_P0", "d_i_by_Q0_over_P0"];
+const MEANINGS: [&str; 3] = [
+    "Q0/P0 at which d_z and d_i hold",
+    "change of d_z per change of Q0/P0 from event to event",
+    "change of d_i per change of Q0/P0 from event to event",
+];
+
+/// Lines of `d_z` and `d_i` over Q0/P0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReactiveTrend {
+    /// Q0/P0 at which the coefficients of the site hold.
+    pub ratio: f64,
+    /// Changes of `d_z` and `d_i` (of P0) per change of Q0/P0.
+    pub slopes: [f64; 2],
+}
+
+impl ReactiveTrend {
+    /// The trend between events at the joint solution of them all; none (slopes of zero) for a single event.
+    #[must_use]
+    pub fn between(
+        solution: &FitSolution,
+        events: &[PreparedEvent],
+        options: &ProblemOptions,
+    ) -> Self {
+        let at = median_operating_point(events);
+        let ratio = at.q0_pu / at.p0_pu;
+        let seen: Vec<EventQ> = events
+            .iter()
+            .filter_map(|event| event_q(solution, event, options))
+            .collect();
+        if seen.len() < EVENTS_MIN {
+            return Self {
+                ratio,
+                ..Self::default()
+            };
+        }
+        let spread = [options.composition_spread[3], options.composition_spread[4]];
+        let best = (SCATTERS.iter())
+            .filter_map(|scatter| regression(&seen, ratio, spread.map(|s| scatter * s)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let slopes = best.map_or(PRIOR_MEAN, |(_, slopes)| slopes);
+        Self { ratio, slopes }
+    }
+
+    /// The event with its reactive coefficients on these lines.
+    #[must_use]
+    pub fn applied_to(&self, event: &PreparedEvent) -> PreparedEvent {
+        let change = event.q0_pu / event.p0_pu - self.ratio;
+        let mut own = event.clone();
+        own.reactive_offset = self.slopes.map(|slope| slope * change);
+        own
+    }
+
+    /// Its numbers with their names, in a fixed order.
+    #[must_use]
+    pub fn values(&self) -> [(&'static str, f64); 3] {
+        let [z, i] = self.slopes;
+        [(NAMES[0], self.ratio), (NAMES[1], z), (NAMES[2], i)]
+    }
+
+    /// From numbers by name; no trend where one is missing, as in what earlier versions stored.
+    pub(super) fn from_values(value: impl Fn(&str) -> Option<f64>) -> Self {
+        let [ratio, z, i] = NAMES.map(|name| value(name).filter(|v| v.is_finite()));
+        match (ratio, z, i) {
+            (Some(ratio), Some(z), Some(i)) => Self {
+                ratio,
+                slopes: [z, i],
+            },
+            _ => Self::default(),
+        }
+    }
+
+    /// As derived quantities of a parameter set.
+    pub(super) fn estimates(&self) -> impl Iterator<Item = ParameterEstimate> {
+        let pairs = self.values().into_iter().zip(MEANINGS);
+        pairs.map(|((name, value), meaning)| ParameterEstimate {
+            name: name.to_owned(),
+            meaning: meaning.to_owned(),
+            value,
+            unit: "1".to_owned(),
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            standard_error: None,
+            at_bound: false,
+            identifiable: true,
+            interval: None,
+        })
+    }
+}
+
+/// Minus twice the log likelihood (but for constants) of the events' coefficients on two lines with this scatter about
+/// them, slopes and levels at their most probable values, and the slopes.
+fn regression(seen: &[EventQ], ratio: f64, scatter: [f64; 2]) -> Option<(f64, [f64; 2])> {
+    let mean = Vector4::new(0.0, 0.0, PRIOR_MEAN[0], PRIOR_MEAN[1]);
+    let prior = PRIOR_DEVIATION.map(|deviation: f64| deviation.powi(-2));
+    // Levels are free.
+    let mut normal = Matrix4::from_diagonal(&Vector4::new(0.0, 0.0, prior[0], prior[1]));
+    let mut right = normal * mean;
+    let mut value = mean.dot(&right);
+    for event in seen {
+        let change = event.ratio - ratio;
+        let variance = event.variance
+            + Matrix2::from_diagonal(&Vector2::new(scatter[0].powi(2), scatter[1].powi(2)));
+        let precision = variance.try_inverse()?;
+        let rows = Matrix4x2::new(1.0, 0.0, 0.0, 1.0, change, 0.0, 0.0, change);
+        normal += rows * precision * rows.transpose();
+        right += rows * precision * event.coefficients;
+        value += event.coefficients.dot(&(precision * event.coefficients));
+        value += variance.determinant().ln();
+    }
+    let found = normal.cholesky()?.solve(&right);
+    // With the levels and slopes integrated out the scatter is not taken for smaller than it is.
+    value += normal.determinant().ln() - right.dot(&found);
+    value.is_finite().then_some((value, [found[2], found[3]]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn events(coefficients: impl Fn(f64, usize) -> (f64, f64)) -> Vec<EventQ> {
+        (0..9)
+            .map(|e| {
+                let ratio = 0.30 + 0.005 * ((7 * e) % 9) as f64;
+                let (square, line) = coefficients(ratio, e);
+                EventQ {
+                    ratio,
+                    squared_voltage_per_power: 1.0,
+                    coefficients: Vector2::new(square, line),
+                    variance: Matrix2::from_diagonal_element(1e-6),
+                }
+            })
+            .collect()
+    }
+
+    fn slopes(seen: &[EventQ]) -> [f64; 2] {
+        let found = SCATTERS
+            .iter()
+            .filter_map(|s| regression(seen, 0.32, [0.02 * s; 2]));
+        found.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap().1
+    }
+
+    #[test]
+    fn lines_are_found_where_events_lie_on_them() {
+        for [z, i] in [[0.9, 0.05], [1.0, 0.0], [0.0, 0.0]] {
+            let [found_z, found_i] = slopes(&events(|ratio, _| (0.4 + z * ratio, 0.1 + i * ratio)));
+            assert!((found_z - z).abs() < 0.05, "{found_z} {z}");
+            assert!((found_i - i).abs() < 0.05, "{found_i} {i}");
+        }
+    }
+
+    #[test]
+    fn scatter_leaves_the_prior() {
+        let wild = |_: f64, e: usize| {
+            let sign = if e % 2 == 0 { 1.0 } else { -1.0 };
+            (0.4 + 0.1 * sign, 0.1 - 0.1 * sign)
+        };
+        let found = slopes(&events(wild));
+        for (found, mean) in found.iter().zip(PRIOR_MEAN) {
+            assert!((found - mean).abs() < 0.2, "{found}");
+        }
+    }
+
+    #[test]
+    fn a_trend_comes_back_from_its_names() {
+        let trend = ReactiveTrend {
+            ratio: 0.3,
+            slopes: [0.8, 0.1],
+        };
+        let values = trend.values();
+        let value = |name: &str| values.iter().find(|v| v.0 == name).map(|v| v.1);
+        assert_eq!(ReactiveTrend::from_values(value), trend);
+        assert_eq!(
+            ReactiveTrend::from_values(|_| None),
+            ReactiveTrend::default()
+        );
+    }
+}
