@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn scatter_leaves_the_prior() {
         let wild = |_: f64, e: usize| {
-            let sign = if e % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if e.is_multiple_of(2) { 1.0 } else { -1.0 };
             (0.4 + 0.1 * sign, 0.1 - 0.1 * sign)
         };
         let found = slopes(&events(wild));
