@@ -1,8 +1,8 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
 use super::{
-    Baseline, ComposedFitOptions, Ground, baseline::has_no_motor, fit, narrowed, refine,
-    with_levels_of,
+    Baseline, ComposedFitOptions, Ground, baseline::has_no_motor, fit, narrowed,
+    operating_point::at_operating_point, refine, with_levels_of,
 };
 use crate::{
     disturbance::{Closing, Trigger, Window},
@@ -94,8 +94,7 @@ const FREE: [usize; 8] = [0, 1, 2, 3, 4, 5, 6, 7];
 
 #[test]
 fn the_plain_structure_has_the_objective_of_the_plain_problem() {
-    let mut events = events();
-    events[1].reactive_offset = [0.03, -0.01];
+    let events = events();
     let problem = JointProblem::new(&events, ProblemOptions::default(), &|| false);
     let x = [3.4, 7.0, 0.4];
     let point = problem.point(&DVector::from_column_slice(&x)).unwrap();
@@ -124,6 +123,23 @@ fn the_plain_structure_has_the_objective_of_the_plain_problem() {
         improved.unwrap().objective
             < 1.001 * problem.value(&DVector::from_column_slice(&x)).unwrap()
     );
+}
+
+#[test]
+fn an_event_has_its_own_reactive_coefficients() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let mut event = events().remove(0);
+    let (site, _) = at_operating_point(&model, &model.typical(), &event);
+    event.reactive_offset = [0.03, -0.01];
+    let (own, _) = at_operating_point(&model, &model.typical(), &event);
+    for (index, (own, site)) in own.iter().zip(&site).enumerate() {
+        let expected = match model.parameters()[index].name.as_str() {
+            "reactive_quadratic" => 0.03,
+            "reactive_linear" => -0.01,
+            _ => 0.0,
+        };
+        assert!((own - site - expected).abs() < 1e-15, "{index}");
+    }
 }
 
 #[test]
