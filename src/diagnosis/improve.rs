@@ -88,6 +88,13 @@ pub fn improve(
 /// Effects, and of each the structure without it.
 type WithoutEach = Vec<(String, Baseline)>;
 
+/// Why a step up is not taken.
+struct Refused {
+    reason: String,
+    /// The step, where it only follows events that are not fitted worse.
+    worse: Option<Box<Higher>>,
+}
+
 /// A step up.
 struct Higher {
     step: ImprovementStep,
@@ -154,11 +161,7 @@ impl<'a> Stairs<'a> {
     fn climb(&mut self) -> Result<(), IdentificationError> {
         for _ in 0..ROUNDS_MAX {
             let (mut found, fit, second) = self.round()?;
-            let missing = matches!(
-                found.status,
-                Status::MissingEffect | Status::InstrumentSuspect
-            );
-            let Some(effect) = found.answer_set.first().filter(|_| missing).cloned() else {
+            let Some(effect) = claimed(&found) else {
                 self.last = Some(found);
                 return Ok(());
             };
@@ -174,7 +177,12 @@ impl<'a> Stairs<'a> {
                         self.take(name, higher)?;
                     }
                 }
-                Err(reason) => {
+                Err(Refused { reason, worse }) => {
+                    if let Some(higher) = worse
+                        && self.beyond(*higher, &found)?
+                    {
+                        continue;
+                    }
                     found
                         .reasons
                         .push(format!("{effect} is not added: {reason}"));
@@ -184,6 +192,43 @@ impl<'a> Stairs<'a> {
             }
         }
         Ok(())
+    }
+
+    /// A step that alone follows events that are not fitted worse may be the first of two: it is taken where a second one
+    /// leads to errors no worse than those without either. Whether it was.
+    fn beyond(&mut self, first: Higher, found: &Diagnosis) -> Result<bool, IdentificationError> {
+        let before = (self.at.clone(), self.steps.clone());
+        self.at = first.next;
+        self.steps.push(first.step);
+        if let Some((second, both)) = self.second_step()?
+            && before
+                .1
+                .last()
+                .is_none_or(|start| !is_worse(&start.errors, &both.step.errors))
+            && let Some(effect) = claimed(&second)
+        {
+            self.diagnoses.extend([found.clone(), second]);
+            self.take(&effect, both)?;
+            return Ok(true);
+        }
+        (self.at, self.steps) = before;
+        Ok(false)
+    }
+
+    /// What is found beside a step that is on trial, and the step that adds it.
+    fn second_step(&mut self) -> Result<Option<(Diagnosis, Higher)>, IdentificationError> {
+        let (second, fit, _) = match self.round() {
+            Ok(round) => round,
+            Err(IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }) => {
+                return Ok(None);
+            }
+            Err(error) => return Err(error),
+        };
+        let Some(effect) = claimed(&second) else {
+            return Ok(None);
+        };
+        let both = self.higher(&effect, fit.as_ref(), &second.summary)?;
+        Ok(both.ok().map(|both| (second, both)))
     }
 
     fn take(&mut self, effect: &str, higher: Higher) -> Result<(), IdentificationError> {
@@ -198,7 +243,7 @@ impl<'a> Stairs<'a> {
         effect: &str,
         fit: Option<&ComposedFit>,
         reason: &str,
-    ) -> Result<Result<Higher, String>, IdentificationError> {
+    ) -> Result<Result<Higher, Refused>, IdentificationError> {
         let climbed = || {
             let mut next = match fit {
                 Some(fit) => self.case.with_found(&self.at, effect, fit)?,
@@ -213,15 +258,21 @@ impl<'a> Stairs<'a> {
             })
         };
         match climbed() {
-            Ok(higher) if self.worse(&higher.step) => Ok(Err(format!(
-                "the error on events not fitted rises to {:.2} times the noise",
-                deciding(&higher.step.errors).error_to_noise
-            ))),
+            Ok(higher) if self.worse(&higher.step) => Ok(Err(Refused {
+                reason: format!(
+                    "the error on events not fitted rises to {:.2} times the noise",
+                    deciding(&higher.step.errors).error_to_noise
+                ),
+                worse: Some(Box::new(higher)),
+            })),
             Ok(higher) => Ok(Ok(higher)),
             Err(
                 error
                 @ (IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }),
-            ) => Ok(Err(error.to_string())),
+            ) => Ok(Err(Refused {
+                reason: error.to_string(),
+                worse: None,
+            })),
             Err(error) => Err(error),
         }
     }
@@ -379,6 +430,15 @@ impl<'a> Stairs<'a> {
             set: self.case.conclude(&at.structure, fit)?.set,
         })
     }
+}
+
+/// The effect that a diagnosis names first.
+fn claimed(found: &Diagnosis) -> Option<String> {
+    let missing = matches!(
+        found.status,
+        Status::MissingEffect | Status::InstrumentSuspect
+    );
+    found.answer_set.first().filter(|_| missing).cloned()
 }
 
 /// The errors by which a step is taken or not: never those of the untouched events, which are quoted
