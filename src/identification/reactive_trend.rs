@@ -48,6 +48,8 @@ pub struct ReactiveTrend {
     pub ratio: f64,
     /// Changes of `d_z` and `d_i` (of P0) per change of Q0/P0.
     pub slopes: [f64; 2],
+    /// Their standard errors; none for a trend that was stored.
+    pub standard_errors: Option<[f64; 2]>,
 }
 
 impl ReactiveTrend {
@@ -74,8 +76,12 @@ impl ReactiveTrend {
         let best = (SCATTERS.iter())
             .filter_map(|scatter| regression(&seen, ratio, spread.map(|s| scatter * s)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let slopes = best.map_or(PRIOR_MEAN, |(_, slopes)| slopes);
-        Self { ratio, slopes }
+        let (slopes, errors) = best.map_or((PRIOR_MEAN, PRIOR_DEVIATION), |(_, found)| found);
+        Self {
+            ratio,
+            slopes,
+            standard_errors: Some(errors),
+        }
     }
 
     /// The event with its reactive coefficients on these lines.
@@ -101,32 +107,48 @@ impl ReactiveTrend {
             (Some(ratio), Some(z), Some(i)) => Self {
                 ratio,
                 slopes: [z, i],
+                standard_errors: None,
             },
             _ => Self::default(),
         }
     }
 
-    /// As derived quantities of a parameter set.
+    /// As derived quantities of a parameter set. The events determine a slope where they leave less than half of what
+    /// was known of it before.
     pub(super) fn estimates(&self) -> impl Iterator<Item = ParameterEstimate> {
-        let pairs = self.values().into_iter().zip(MEANINGS);
-        pairs.map(|((name, value), meaning)| ParameterEstimate {
-            name: name.to_owned(),
-            meaning: meaning.to_owned(),
-            value,
-            unit: "1".to_owned(),
-            lower: f64::NEG_INFINITY,
-            upper: f64::INFINITY,
-            standard_error: None,
-            at_bound: false,
-            identifiable: true,
-            interval: None,
-        })
+        let error = |slope: usize| {
+            let error = self.standard_errors.map(|errors| errors[slope]);
+            error.filter(|error| *error < 0.5 * PRIOR_DEVIATION[slope])
+        };
+        let told = [
+            (true, None),
+            (error(0).is_some(), error(0)),
+            (error(1).is_some(), error(1)),
+        ];
+        let named = self.values().into_iter().zip(MEANINGS).zip(told);
+        named.map(
+            |(((name, value), meaning), (identifiable, standard_error))| ParameterEstimate {
+                name: name.to_owned(),
+                meaning: meaning.to_owned(),
+                value,
+                unit: "1".to_owned(),
+                lower: f64::NEG_INFINITY,
+                upper: f64::INFINITY,
+                standard_error,
+                at_bound: false,
+                identifiable,
+                interval: None,
+            },
+        )
     }
 }
 
+/// Slopes and their standard errors.
+type Slopes = ([f64; 2], [f64; 2]);
+
 /// Minus twice the log likelihood (but for constants) of the events' coefficients on two lines with this scatter about
-/// them, slopes and levels at their most probable values, and the slopes.
-fn regression(seen: &[EventQ], ratio: f64, scatter: [f64; 2]) -> Option<(f64, [f64; 2])> {
+/// them, slopes and levels integrated out, and the slopes.
+fn regression(seen: &[EventQ], ratio: f64, scatter: [f64; 2]) -> Option<(f64, Slopes)> {
     let mean = Vector4::new(0.0, 0.0, PRIOR_MEAN[0], PRIOR_MEAN[1]);
     let prior = PRIOR_DEVIATION.map(|deviation: f64| deviation.powi(-2));
     // Levels are free.
@@ -147,7 +169,9 @@ fn regression(seen: &[EventQ], ratio: f64, scatter: [f64; 2]) -> Option<(f64, [f
     let found = normal.cholesky()?.solve(&right);
     // With the levels and slopes integrated out the scatter is not taken for smaller than it is.
     value += normal.determinant().ln() - right.dot(&found);
-    value.is_finite().then_some((value, [found[2], found[3]]))
+    let covariance = normal.try_inverse()?;
+    let errors = [2, 3].map(|i| covariance[(i, i)].sqrt());
+    (value.is_finite()).then_some((value, ([found[2], found[3]], errors)))
 }
 
 #[cfg(test)]
@@ -169,7 +193,7 @@ mod tests {
             .collect()
     }
 
-    fn slopes(seen: &[EventQ]) -> [f64; 2] {
+    fn slopes(seen: &[EventQ]) -> Slopes {
         let found = SCATTERS
             .iter()
             .filter_map(|s| regression(seen, 0.32, [0.02 * s; 2]));
@@ -179,9 +203,12 @@ mod tests {
     #[test]
     fn lines_are_found_where_events_lie_on_them() {
         for [z, i] in [[0.9, 0.05], [1.0, 0.0], [0.0, 0.0]] {
-            let [found_z, found_i] = slopes(&events(|ratio, _| (0.4 + z * ratio, 0.1 + i * ratio)));
-            assert!((found_z - z).abs() < 0.05, "{found_z} {z}");
-            assert!((found_i - i).abs() < 0.05, "{found_i} {i}");
+            let seen = events(|ratio, _| (0.4 + z * ratio, 0.1 + i * ratio));
+            let (found, errors) = slopes(&seen);
+            for ((found, true_slope), error) in found.iter().zip([z, i]).zip(errors) {
+                assert!((found - true_slope).abs() < 0.05, "{found} {true_slope}");
+                assert!(error < 0.05, "{error}");
+            }
         }
     }
 
@@ -191,9 +218,10 @@ mod tests {
             let sign = if e.is_multiple_of(2) { 1.0 } else { -1.0 };
             (0.4 + 0.1 * sign, 0.1 - 0.1 * sign)
         };
-        let found = slopes(&events(wild));
-        for (found, mean) in found.iter().zip(PRIOR_MEAN) {
+        let (found, errors) = slopes(&events(wild));
+        for ((found, mean), error) in found.iter().zip(PRIOR_MEAN).zip(errors) {
             assert!((found - mean).abs() < 0.2, "{found}");
+            assert!(error > 0.3, "{error}");
         }
     }
 
@@ -202,6 +230,7 @@ mod tests {
         let trend = ReactiveTrend {
             ratio: 0.3,
             slopes: [0.8, 0.1],
+            standard_errors: None,
         };
         let values = trend.values();
         let value = |name: &str| values.iter().find(|v| v.0 == name).map(|v| v.1);
