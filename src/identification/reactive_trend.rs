@@ -113,7 +113,7 @@ impl ReactiveTrend {
         }
     }
 
-    /// As derived quantities of a parameter set. The events determine a slope where they leave less than half of what
+    /// As derived quantities of a parameter set; none of a single event, which shows no trend. The events determine a slope where they leave less than half of what
     /// was known of it before.
     pub(super) fn estimates(&self) -> impl Iterator<Item = ParameterEstimate> {
         let error = |slope: usize| {
@@ -126,7 +126,8 @@ impl ReactiveTrend {
             (error(1).is_some(), error(1)),
         ];
         let named = self.values().into_iter().zip(MEANINGS).zip(told);
-        named.map(
+        let shown = named.filter(|_| self.standard_errors.is_some());
+        shown.map(
             |(((name, value), meaning), (identifiable, standard_error))| ParameterEstimate {
                 name: name.to_owned(),
                 meaning: meaning.to_owned(),
