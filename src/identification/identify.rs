@@ -517,7 +517,6 @@ fn assemble(
     }
 }
 
-/// The model of a stored set, from its coordinates.
 /// The trend that a set was fitted with.
 fn trend_of(set: &ParameterSet) -> ReactiveTrend {
     ReactiveTrend::from_values(|name| {
@@ -526,6 +525,7 @@ fn trend_of(set: &ParameterSet) -> ReactiveTrend {
     })
 }
 
+/// The model of a stored set, from its coordinates.
 fn model_of(set: &ParameterSet) -> Result<Box<dyn EventModel>, IdentificationError> {
     let coordinate = |name: &str| {
         let wanted = format!("coordinate_{name}");

@@ -125,7 +125,10 @@ pub(super) fn fit_site(
     };
     let begun = fit_aligned(fitted, problem, &options.search, cancel)?;
     let (aligned, measured) = match options.robust {
-        None => (begun.clone(), begun.events),
+        None => {
+            let measured = begun.events.clone();
+            (begun, measured)
+        }
         Some(loss) => fit_again_robustly(begun, (problem, loss), &options.search, cancel)?,
     };
     let AlignedFit {
