@@ -148,6 +148,39 @@ fn a_site_of_an_independent_simulator_passes_and_says_what_is_not_determined() {
 }
 
 #[test]
+fn a_stored_set_follows_the_reactive_power_of_the_event_that_it_is_compared_with() {
+    let (site, windows) = bundled_windows("site-02");
+    let found = run(&site, &windows).unwrap();
+    let steeper = 0.5;
+    let mut changed = found.set.clone();
+    let slope = (changed.derived.iter_mut()).find(|d| d.name == "d_z_by_Q0_over_P0");
+    slope.unwrap().value += steeper;
+    let options = IdentificationOptions::default();
+    let [as_fitted, as_changed] =
+        [&found.set, &changed].map(|set| compare(set, &windows, &options).unwrap());
+    let usual = parameter(&found, "Q0_over_P0");
+    let mut shown = 0;
+    for ((one, other), window) in as_fitted.iter().zip(&as_changed).zip(&windows) {
+        let event = prepare(window, &options.intake).unwrap();
+        assert_eq!(event.id, one.event);
+        let more = steeper * (event.q0_pu - usual * event.p0_pu);
+        for k in 0..one.time_s.len() {
+            let v = one.voltage_pu[k] / event.v0_pu;
+            if one.near_edge[k] || !v.is_finite() {
+                continue;
+            }
+            let expected = more * (v * v - 1.0);
+            let found = other.reactive_model_pu[k] - one.reactive_model_pu[k];
+            // Models see the voltage between samples, a fit of it, not the noisy samples themselves.
+            let tolerance = 0.01 * more.abs() + 0.05 * expected.abs();
+            assert!((found - expected).abs() <= tolerance, "{found} {expected}");
+            shown += usize::from(expected.abs() > 2.0 * tolerance);
+        }
+    }
+    assert!(shown > 100, "{shown} samples show the slope");
+}
+
+#[test]
 fn the_papers_box_holds_for_the_shares_of_static_power() {
     let (site, windows) = bundled_windows("site-02");
     let mut options = IdentificationOptions::default();

@@ -23,7 +23,10 @@ def answer(program, site, kept):
         done = subprocess.run(command, capture_output=True, env=alone, timeout=TIME_MAX_S, check=False)
         if done.returncode != 0:
             raise RuntimeError(f"{site}: {done.stderr.decode(errors='replace').strip()[-400:]}")
-        kept.write_bytes(done.stdout)
+        # Whole or not at all: who is cut off in between asks again.
+        part = kept.with_suffix(".part")
+        part.write_bytes(done.stdout)
+        part.replace(kept)
     return json.loads(kept.read_text())
 
 
