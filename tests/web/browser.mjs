@@ -42,7 +42,7 @@ function watch(context) {
   context.on("page", (page) => {
     page.on("console", (message) => {
       // Chromium notes that a page was refused, which is what was asked for.
-      if (["error", "warning"].includes(message.type()) && !message.location().url.endsWith("/events/nothing")) complaints.push(`${page.url()}: ${message.text()}`);
+      if (["error", "warning"].includes(message.type()) && !message.location().url.endsWith("/events/nothing")) complaints.push(`${page.url()}: ${message.text()} (${message.location().url})`);
     });
     page.on("pageerror", (error) => complaints.push(`${page.url()}: ${error.message}`));
     page.on("request", (request) => {

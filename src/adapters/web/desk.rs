@@ -19,7 +19,7 @@ use crate::{
 /// Pages made at one time. Each holds a thread; the others wait, within the request's time limit.
 const SEATS: usize = 4;
 /// Readers of live updates at one time.
-const LISTENERS_MAX: usize = 32;
+pub(super) const LISTENERS_MAX: usize = 32;
 /// Comparisons kept, newest use first: a few sites under study, some megabytes.
 const COMPARISONS_MAX: usize = 64;
 

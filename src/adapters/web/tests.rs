@@ -1,8 +1,13 @@
 //! The pages by HTTP: what they say, and what they refuse.
 
+use std::time::Duration;
+
 use serde_json::Value;
 
-use super::testing::{Server, TOKEN};
+use super::{
+    desk::LISTENERS_MAX,
+    testing::{Server, TOKEN},
+};
 use crate::telemetry::{Occurrence, intake::FramesTaken};
 
 const FORM: (&str, &str) = ("Content-Type", "application/x-www-form-urlencoded");
@@ -262,6 +267,22 @@ async fn updates_tell_what_is_newest() {
         answer.body
     );
     assert_eq!(server.get("/sites/nowhere/updates").await.status, 404);
+}
+
+#[tokio::test]
+async fn a_reader_who_has_left_a_page_holds_no_place_among_the_readers_of_updates() {
+    let server = Server::start().await;
+    for _ in 0..LISTENERS_MAX {
+        let answer = server.get("/updates").await;
+        assert!(answer.body.contains("event: change"), "{}", answer.body);
+    }
+    // The places are free long before the line that keeps a quiet connection open would find nobody there.
+    let another = async { while server.get("/updates").await.status != 200 {} };
+    let found = tokio::time::timeout(Duration::from_secs(8), another).await;
+    assert!(
+        found.is_ok(),
+        "all places are taken by readers who have left"
+    );
 }
 
 const COMMA_SEPARATED: &str = "time_s,v_pu,freq_hz,p_pu,q_pu";

@@ -9,7 +9,7 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use serde_json::json;
-use tokio::io::{AsyncWriteExt, DuplexStream, duplex};
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 use tokio_util::io::ReaderStream;
 
 use super::{desk::Desk, layout::Progress, problem::Problem, view::Form};
@@ -52,7 +52,8 @@ async fn start(desk: Arc<Desk>, site: Option<String>) -> Response {
     (headers, Body::from_stream(ReaderStream::new(reader))).into_response()
 }
 
-/// Ends when the reader has gone: then writing fails.
+/// Ends when the reader has gone, at once: a reader who walks from page to page leaves a stream behind at
+/// each, and they count against `LISTENERS_MAX`.
 async fn tell(desk: &Arc<Desk>, site: Option<&str>, mut writer: DuplexStream) {
     let (mut told, mut told_work, mut quiet) = (String::new(), String::new(), 0);
     while !desk.context.health.report().stopping {
@@ -78,7 +79,11 @@ async fn tell(desk: &Arc<Desk>, site: Option<&str>, mut writer: DuplexStream) {
         if writer.write_all(words.as_bytes()).await.is_err() {
             return;
         }
-        tokio::time::sleep(LOOK_PERIOD).await;
+        // The other end never writes; reading from it ends when it is dropped.
+        let gone = writer.read_u8();
+        if tokio::time::timeout(LOOK_PERIOD, gone).await.is_ok() {
+            return;
+        }
     }
 }
 
