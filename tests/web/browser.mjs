@@ -364,8 +364,9 @@ async function approve(context, version) {
   await page.screenshot({ path: join(shots, `sets-awaiting-${version}.png`), fullPage: true });
   await page.getByLabel("Comment").first().fill("looked at in the browser test");
   await press(page, page.getByRole("button", { name: "Approve" }).first());
-  const sets = await json(of("sets.json"));
-  check(sets.in_force === version && !waiting(sets), `it is approved by its button: version ${sets.in_force} is in force`);
+  check(!waiting(await json(of("sets.json"))), "it is approved by its button");
+  // A set is in force once it has been published, which follows the approval.
+  await until(`version ${version} in force`, async () => (await json(of("sets.json"))).in_force === version);
   check((await page.locator("main").innerText()).includes("looked at in the browser test"), "and the page tells by whom and why");
   await page.close();
 }
@@ -375,7 +376,8 @@ async function rollBack(context) {
   await page.goto(address + of("sets"));
   await page.screenshot({ path: join(shots, "sets-two.png"), fullPage: true });
   await press(page, page.getByRole("button", { name: "Put in force again" }));
-  check((await json(of("sets.json"))).in_force === 1, "an older version is put in force again by its button");
+  await until("version 1 in force again", async () => (await json(of("sets.json"))).in_force === 1);
+  console.log("ok     an older version is put in force again by its button");
   await page.close();
 }
 

@@ -302,7 +302,8 @@ impl Sets {
                         @let page = self.head.address(&format!("sets/{}", stored.version));
                         tr {
                             th scope="row" { a href=(page) { "version " (stored.version) }
-                                @if self.in_force() == Some(stored.version) { " " span.chip.good { "in force" } } }
+                                @if self.in_force() == Some(stored.version) { " " span.chip.good { "in force" } }
+                                @else if stored.published_ns.is_none() { " " span.chip.open { "being published" } } }
                             td.time data-label="Since, UTC" { (words::utc(stored.committed_ns)) }
                             td data-label="Verdict" { (verdict(set.verdict.status)) }
                             td data-label="Structure" { (words::structure(&set.structure)) }
@@ -313,7 +314,7 @@ impl Sets {
                             } @else { td {} td {} td {} }
                             td data-label="Files" { a href={ (page) ".json" } { "JSON" } " " a href={ (page) ".csv" } { "CSV" } }
                             td {
-                                @if self.access.may_write && self.in_force() != Some(stored.version) {
+                                @if self.access.may_write && self.in_force() != Some(stored.version) && stored.published_ns.is_some() {
                                     form method="post" action={ (page) "/roll-back" } {
                                         input type="hidden" name="csrf" value=(self.access.csrf);
                                         button type="submit" { "Put in force again" }
