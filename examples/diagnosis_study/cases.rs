@@ -11,6 +11,8 @@ use loadmodeld::{
 };
 use serde_json::{Value, json};
 
+use super::novel::Novel;
+
 /// What a site hides.
 #[derive(Clone, Copy)]
 pub(crate) enum Hidden {
@@ -19,6 +21,8 @@ pub(crate) enum Hidden {
     Pair([Effect; 2]),
     /// An effect that the catalogue is made not to have.
     Outside(Effect),
+    /// A load that no catalogue has.
+    Novel(Novel),
 }
 
 pub(crate) struct Case {
@@ -49,9 +53,17 @@ impl Hidden {
 
     fn effects(self) -> Vec<Effect> {
         match self {
-            Self::Nothing => Vec::new(),
+            Self::Nothing | Self::Novel(_) => Vec::new(),
             Self::Single(effect) | Self::Outside(effect) => vec![effect],
             Self::Pair(two) => two.to_vec(),
+        }
+    }
+
+    /// Names of what is hidden.
+    fn names(self) -> Vec<&'static str> {
+        match self {
+            Self::Novel(load) => vec![load.name()],
+            _ => self.effects().into_iter().map(Effect::name).collect(),
         }
     }
 
@@ -61,6 +73,7 @@ impl Hidden {
             Self::Single(_) => "single",
             Self::Pair(_) => "pair",
             Self::Outside(_) => "outside",
+            Self::Novel(_) => "novel",
         }
     }
 }
@@ -73,6 +86,10 @@ fn site_number(hidden: Hidden, number: u64) -> u64 {
         Hidden::Single(effect) => 1_000 * code(effect) + number,
         Hidden::Outside(effect) => 100_000 + 1_000 * code(effect) + number,
         Hidden::Pair(_) => 200_000 + number,
+        Hidden::Novel(load) => {
+            let code = Novel::ALL.iter().position(|l| *l == load).unwrap() as u64;
+            300_000 + 1_000 * code + number
+        }
     }
 }
 
@@ -95,14 +112,9 @@ impl Case {
     }
 
     pub(crate) fn name(&self) -> String {
-        let effects: Vec<&str> = self
-            .hidden
-            .effects()
-            .into_iter()
-            .map(Effect::name)
-            .collect();
         let kind = self.hidden.kind();
-        format!("{} {kind} {} {}", self.seed, effects.join("+"), self.number)
+        let names = self.hidden.names().join("+");
+        format!("{} {kind} {names} {}", self.seed, self.number)
     }
 
     /// Noise, rate and number of events: every combination comes up.
@@ -124,13 +136,16 @@ impl Case {
     /// One line of the study; none where the truth simulator refuses the site.
     pub(crate) fn run(&self) -> Option<Value> {
         let shape = self.shape();
-        let made = match study_site(self.seed, site_number(self.hidden, self.number), &shape) {
+        let mut made = match study_site(self.seed, site_number(self.hidden, self.number), &shape) {
             Ok(made) => made,
             Err(error) => {
                 println!("{}: not generated: {error}", self.name());
                 return None;
             }
         };
+        if let Hidden::Novel(load) = self.hidden {
+            load.write_into(&mut made, self.number);
+        }
         let windows = windows(&made);
         let mut options = DiagnosisOptions::default();
         if let Hidden::Outside(effect) = self.hidden {
@@ -219,7 +234,7 @@ impl Case {
         let shape = self.shape();
         json!({
             "case": self.name(), "kind": self.hidden.kind(),
-            "truth": self.hidden.effects().into_iter().map(Effect::name).collect::<Vec<_>>(),
+            "truth": self.hidden.names(),
             "number": self.number, "noise": shape.noise, "rate_fps": shape.rate_fps, "events": windows.len(),
             "lowest_voltage": lowest, "with_resistance": with_resistance,
             "status": first.status.name(), "last_status": found.last.status.name(), "answers": answers,

@@ -1,8 +1,8 @@
 //! How often the diagnosis is right, on generated sites whose truth is known.
 //!
-//! `cargo run --release --example diagnosis_study -- [--seed N] [--first N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--plain N] [--composition-spread SHARE] --lines FILE`
+//! `cargo run --release --example diagnosis_study -- [--seed N] [--first N] [--sites N] [--only NAME,NAME] [--pairs N] [--outside N] [--novel N] [--plain N] [--composition-spread SHARE] --lines FILE`
 //! tries every effect of the truth simulator in sites of its own with numbers from `--first` to below `--sites`, pairs of effects in `--pairs`,
-//! effects taken out of the catalogue in those below `--outside`, nothing hidden below `--plain`: one line of
+//! effects taken out of the catalogue in those below `--outside`, loads that no catalogue has below `--novel`, nothing hidden below `--plain`: one line of
 //! JSON per site is added to `--lines`, and what is there already is not tried again. Noise, rate and
 //! number of events go with the number of the site.
 //!
@@ -17,6 +17,7 @@
 )]
 
 mod cases;
+mod novel;
 mod summary;
 
 use std::{
@@ -28,6 +29,7 @@ use std::{
 
 use cases::{Case, Hidden};
 use loadmodeld::truth::Effect;
+use novel::Novel;
 use serde_json::Value;
 
 #[derive(Default)]
@@ -37,6 +39,7 @@ struct Arguments {
     sites: u64,
     pairs: u64,
     outside: u64,
+    novel: u64,
     plain: u64,
     composition_spread: Option<f64>,
     only: Option<String>,
@@ -58,6 +61,7 @@ fn arguments() -> Arguments {
             "--sites" => found.sites = value.parse().unwrap(),
             "--pairs" => found.pairs = value.parse().unwrap(),
             "--outside" => found.outside = value.parse().unwrap(),
+            "--novel" => found.novel = value.parse().unwrap(),
             "--plain" => found.plain = value.parse().unwrap(),
             "--composition-spread" => found.composition_spread = Some(value.parse().unwrap()),
             "--only" => found.only = Some(value),
@@ -86,6 +90,10 @@ fn cases(asked: &Arguments) -> Vec<Case> {
                 cases.push(Case::new(asked.seed, number, Hidden::Outside(*effect)));
             }
         }
+    }
+    for number in asked.first..asked.novel {
+        let novel = Novel::ALL.into_iter().map(Hidden::Novel);
+        cases.extend(novel.map(|load| Case::new(asked.seed, number, load)));
     }
     let pairs =
         (asked.first..asked.pairs).filter_map(|number| Hidden::pair(number).map(|p| (number, p)));

@@ -124,7 +124,8 @@ pub(crate) fn print(lines: &[Value]) {
     singles(&of("single"));
     nothing(&of("nothing"));
     pairs(&of("pair"));
-    outside(&of("outside"));
+    outside("Outside the catalogue", &of("outside"));
+    outside("Loads of no catalogue", &of("novel"));
     let mut seconds: Vec<f64> = judged.iter().map(|j| j.number("seconds")).collect();
     seconds.sort_by(f64::total_cmp);
     if let (Some(middle), Some(late)) = (
@@ -315,10 +316,10 @@ fn pairs(judged: &[&Judged<'_>]) {
     }
 }
 
-fn outside(judged: &[&Judged<'_>]) {
+fn outside(what: &str, judged: &[&Judged<'_>]) {
     let shown: Vec<&Judged<'_>> = judged.iter().copied().filter(|s| s.shows()).collect();
     println!(
-        "\nOutside the catalogue: said to be unknown {} of those that show.",
+        "\n{what}: said to be unknown {} of those that show.",
         percent(
             count(&shown, |s| s.status() == "unknown_effect"),
             shown.len()
