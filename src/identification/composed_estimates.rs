@@ -73,6 +73,7 @@ fn effect_estimate(
     };
     let determined = !at_bound && error.is_some_and(|e| e < DETERMINED_SHARE * width);
     let what = match declared.role {
+        _ if index == fit.model.static_lag() => "lag of the static load",
         Role::OneSidedAmplitude { .. } | Role::TwoSidedAmplitude { .. } => "amplitude",
         Role::Shape => "shape",
         Role::Shared => "shared by several effects",

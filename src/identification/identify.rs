@@ -562,12 +562,15 @@ fn composed_of(
     base: &[f64],
 ) -> Result<ComposedLoad, IdentificationError> {
     let model = ComposedModel::new(&structure);
+    let lag = model.parameters()[model.static_lag()].name.clone();
     let own = |parameter: &ModelParameter| {
         let found = set.parameters.iter().find(|p| p.name == parameter.name);
         let name = parameter.name.clone();
         found
             .map(|p| p.value)
             .filter(|v| v.is_finite())
+            // Sets of earlier versions have none.
+            .or_else(|| (name == lag).then_some(0.0))
             .ok_or(IdentificationError::IncompleteSet { name })
     };
     let effects = model.parameters().iter().skip(base.len()).map(own);

@@ -47,11 +47,14 @@ impl FittedStructure {
     pub(super) fn load(&self) -> Result<ComposedLoad, IdentificationError> {
         let structure = Structure::parse(&self.structure)?;
         let model = ComposedModel::new(&structure);
+        let lag = model.parameters()[model.static_lag()].name.clone();
         let value = |name: &str| {
             let found = self.values.iter().find(|(known, _)| known == name);
             found
                 .map(|(_, value)| *value)
                 .filter(|value| value.is_finite())
+                // Sets of earlier versions have none.
+                .or_else(|| (name == lag).then_some(0.0))
                 .ok_or_else(|| IdentificationError::IncompleteSet {
                     name: name.to_owned(),
                 })

@@ -7,7 +7,7 @@
 use super::{
     composed::BASE,
     effect::{Parameter, Role, Scale},
-    effects::catalogue,
+    effects::{STATIC_LAG, catalogue},
 };
 
 /// Bounds and prior of one parameter at one site; what is `None` stays as declared.
@@ -104,8 +104,9 @@ pub enum RangeError {
 
 /// The declaration of a parameter by its name in a set.
 fn declared(name: &str) -> Option<Parameter> {
-    if let Some(base) = BASE.iter().find(|p| p.name == name) {
-        return Some(*base);
+    let base = BASE.iter().chain([&STATIC_LAG.1]);
+    if let Some(base) = base.copied().find(|p| p.name == name) {
+        return Some(base);
     }
     let own = |effect: &'static str, p: &Parameter| match p.role {
         Role::Shared => name == p.name,

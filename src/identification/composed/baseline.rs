@@ -36,6 +36,8 @@ const BENT: f64 = 4.0;
 const BENT_WITHOUT_MOTOR: f64 = 1.0;
 /// ... its share or kappa being within this part of their range from the least.
 const NO_MOTOR: f64 = 1e-3;
+/// Where fits of the static load's lag begin, s: at nothing, a jump between two instants says nothing of it.
+const STATIC_LAG_S: f64 = 0.002;
 /// Place of kappa in a model's vector.
 const KAPPA: usize = 2;
 /// Place of the motor's share.
@@ -343,7 +345,7 @@ fn ordinary(
         return None;
     }
     let model = &fit.model;
-    let mut values = model.typical();
+    let mut values = with_a_lag(model);
     for (index, parameter) in model.parameters().iter().enumerate() {
         if parameter.effect.is_some() {
             values[index] = fit.parameters[index];
@@ -384,14 +386,24 @@ fn mild_count(events: usize, share: f64) -> usize {
 /// The parameters of ZIP and motor, and those of effects that the plain search knows in part.
 fn base_parameters(model: &ComposedModel) -> Vec<usize> {
     let all = model.parameters().iter().enumerate();
-    all.filter(|(_, p)| p.effect.is_some() || p.declaration.role == Role::Base)
+    let shared = |p: &ModelParameter| p.declaration.role == Role::Shared;
+    all.filter(|(_, p)| !shared(p))
         .map(|(index, _)| index)
         .collect()
 }
 
+/// The typical vector, with a lag of the static load.
+fn with_a_lag(model: &ComposedModel) -> Vec<f64> {
+    let mut values = model.typical();
+    let lag = model.static_lag();
+    let declared = &model.parameters()[lag].declaration;
+    values[lag] = STATIC_LAG_S.clamp(declared.lower, declared.upper);
+    values
+}
+
 /// The model's vector at a solution of the plain search, every effect as it is typically.
 fn start(model: &ComposedModel, solution: &FitSolution) -> Vec<f64> {
-    let mut values = model.typical();
+    let mut values = with_a_lag(model);
     let plain = solution.found.local.x.iter().chain(&solution.point.linear);
     for (value, plain) in values.iter_mut().zip(plain) {
         *value = *plain;

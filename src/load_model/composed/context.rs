@@ -15,6 +15,8 @@ pub struct Rest<S> {
     pub own_motor: Option<Motor<S>>,
     /// Constant-power part of the static load over P0, active and reactive.
     pub static_constant: [S; 2],
+    /// Constant-current part of the static load over P0, active and reactive.
+    pub static_line: [S; 2],
     /// Square of the voltage at the load over that at the measured bus, 1 without a feeder: bases of
     /// motors refer to the voltage at the load.
     pub load_voltage_square: S,

@@ -40,6 +40,7 @@ pub use motor::{Motor, MotorDescription, MotorState};
 use super::{
     Infeasible, LinearCoefficients, MotorCoordinates, Structure, TerminalInput,
     effect::{Effect, LANES, Parameter, Place, Role, Sensitivity},
+    effects::STATIC_LAG,
 };
 use crate::numerics::Scalar;
 use active::{Active, Pass};
@@ -169,7 +170,7 @@ pub struct ComposedModel {
 
 impl ComposedModel {
     /// The model of a structure. The vector holds [`BASE`] and then the parameters of the effects in
-    /// the order of the structure; a shared one where it first appears.
+    /// the order of the structure; a shared one where it first appears. The lag of the static load comes last.
     #[must_use]
     pub fn new(structure: &Structure) -> Self {
         let mut parameters: Vec<ModelParameter> = BASE
@@ -203,6 +204,13 @@ impl ComposedModel {
             });
             effects.push((effect, places.collect()));
         }
+        let (effect, declaration) = STATIC_LAG;
+        effects.push((effect, vec![parameters.len()]));
+        parameters.push(ModelParameter {
+            name: declaration.name.to_owned(),
+            effect: None,
+            declaration: structure.ranges().applied(declaration.name, declaration),
+        });
         Self {
             parameters: parameters.into(),
             effects,
@@ -211,9 +219,15 @@ impl ComposedModel {
 
     /// Names of the effects, in the order of the structure.
     pub fn effect_names(&self) -> impl Iterator<Item = &'static str> + '_ {
-        self.effects
-            .iter()
-            .map(|(effect, _)| effect.declaration().name)
+        let named = self.effects.len().saturating_sub(1);
+        let effects = self.effects.iter().take(named);
+        effects.map(|(effect, _)| effect.declaration().name)
+    }
+
+    /// Where the lag of the static load is in the vector.
+    #[must_use]
+    pub fn static_lag(&self) -> usize {
+        self.parameters.len() - 1
     }
 
     /// The parameters, in order.

@@ -245,6 +245,7 @@ fn at_rest<S: Pass>(
             -(share + c_z + c_i) + 1.0,
             -(share * motor.rest_power[1] + d_z + d_i) + drive.reactive_at_rest,
         ],
+        static_line: [c_i, d_i],
         load_voltage_square,
         synchronous_speed_rad_s,
     })

@@ -24,6 +24,7 @@ mod self_disconnection;
 mod single_phase_ac_stall;
 mod speed_dependent_torque;
 mod static_frequency_dependence;
+mod static_lag;
 mod stator_resistance;
 mod tap_changer;
 mod time_skew;
@@ -34,7 +35,10 @@ mod series;
 
 use std::sync::OnceLock;
 
-use super::{effect::Effect, user_effects::EffectFile};
+use super::{
+    effect::{Effect, Parameter},
+    user_effects::EffectFile,
+};
 
 /// Every effect: the instruments first, then the physics.
 const CATALOGUE: &[&dyn Effect] = &[
@@ -62,6 +66,10 @@ const CATALOGUE: &[&dyn Effect] = &[
     &low_voltage_conversion::LowVoltageConversion,
     &load_ramp::LoadRamp,
 ];
+
+/// What every composed model has besides ZIP and motor, with its parameter: never listed, never named as missing.
+pub(super) const STATIC_LAG: (&dyn Effect, Parameter) =
+    (&static_lag::StaticLag, static_lag::STATIC_LAG);
 
 /// All effects there are, once somebody has asked or registered.
 static ALL: OnceLock<Vec<&'static dyn Effect>> = OnceLock::new();
