@@ -5,7 +5,8 @@ use super::{
     fit::{ComposedFit, ComposedFitOptions, approached, fit_rows, unfitted},
     relay_walk,
     rows::EventRows,
-    screening::{Base, Candidate, Score, Screening, Step, thresholds},
+    base::Base,
+    screening::{Candidate, Score, Screening, Step, thresholds},
     threshold::settled,
 };
 use crate::{
