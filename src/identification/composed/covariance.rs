@@ -128,7 +128,9 @@ mod tests {
         let expected = rows.transpose() * &inverse * &rows;
         assert!((covariance.gram(&rows) - &expected).amax() < 1e-12);
         let [one, both] = [rows.columns(0, 1).into_owned(), rows.clone()];
-        let product = covariance.weighted(&one).product(&covariance.weighted(&both));
+        let product = covariance
+            .weighted(&one)
+            .product(&covariance.weighted(&both));
         assert!((product - expected.rows(0, 1)).amax() < 1e-12);
         let residual: DVector<f64> = rows.column(1).into_owned();
         assert!((covariance.square(&residual) - expected[(1, 1)]).abs() < 1e-12);

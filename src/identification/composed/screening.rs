@@ -1,7 +1,10 @@
 //! Scores of an effect on a fitted model: what a linear extrapolation from its absence promises, over
 //! a grid of its shapes and around the best of them.
 
-use std::{cell::RefCell, collections::HashMap};
+use std::{
+    cell::RefCell,
+    collections::{HashMap, HashSet},
+};
 
 use nalgebra::{DMatrix, DVector};
 
@@ -88,17 +91,38 @@ pub(super) struct Step<'a> {
     pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// The place of an event among the rows, and the bits of all shapes but the threshold.
+/// The place of an event among the rows, and the bits of shapes (all but the threshold, or of a whole vector).
 type BesideThreshold = (usize, Vec<u64>);
 
 /// A step with what all candidates share.
 pub(super) struct Screening<'a> {
     step: &'a Step<'a>,
     base: &'a Base,
+    memory: &'a Memory,
+}
+
+/// What the screens of one effect on one fit share.
+pub(super) struct Memory {
     /// What the motor does in every event while the effect is absent; none where that is of no use.
     motors: Vec<Option<MotorCourse>>,
     /// What is added to events that stay above the threshold, which does not depend on where it lies.
     above: RefCell<HashMap<BesideThreshold, Added>>,
+    /// Events in which an effect of some shapes does nothing at one of its sizes, and so at none.
+    nothing: RefCell<HashSet<BesideThreshold>>,
+}
+
+impl Memory {
+    pub(super) fn new(step: &Step<'_>) -> Self {
+        let neutral = step.neutral();
+        let amplitudes = step.own(Parameter::is_amplitude);
+        let of =
+            |event: &EventRows<'_>| event.motor_course(step.model, &neutral, &amplitudes).ok()?;
+        Self {
+            motors: step.rows.iter().map(of).collect(),
+            above: RefCell::default(),
+            nothing: RefCell::default(),
+        }
+    }
 }
 
 /// Voltages at which a threshold may lie: below all dips, in the gaps between their lowest voltages,
@@ -239,17 +263,8 @@ impl Step<'_> {
 
 impl<'a> Screening<'a> {
     /// Of a step from a fit of which `base` is.
-    pub(super) fn new(step: &'a Step<'a>, base: &'a Base) -> Self {
-        let neutral = step.neutral();
-        let amplitudes = step.own(Parameter::is_amplitude);
-        let of =
-            |event: &EventRows<'_>| event.motor_course(step.model, &neutral, &amplitudes).ok()?;
-        Self {
-            step,
-            base,
-            motors: step.rows.iter().map(of).collect(),
-            above: RefCell::default(),
-        }
+    pub(super) fn new(step: &'a Step<'a>, base: &'a Base, memory: &'a Memory) -> Self {
+        Self { step, base, memory }
     }
 
     /// Candidates over the grid, with thresholds in `voltages`, best first.
@@ -417,20 +432,14 @@ impl<'a> Screening<'a> {
     }
 
     /// What the amplitudes add to an event, from memory where it stays above the threshold.
-    fn added(
-        &self,
-        number: usize,
-        at: &[f64],
-        shapes: &[f64],
-        size: Option<f64>,
-    ) -> Option<Added> {
+    fn added(&self, number: usize, at: &[f64], shapes: &[f64], size: Option<f64>) -> Option<Added> {
         let added = || {
             let columns = self.columns(number, at, size)?;
             Some(self.base.events[number].added(&columns))
         };
         let place = self.step.threshold_place().filter(|place| {
             // Where the load sees another phasor than the measured one its lowest voltage is not known.
-            let sees_measured = self.motors[number].is_some();
+            let sees_measured = self.memory.motors[number].is_some();
             let lowest_pu = self.base.events[number].lowest_voltage_pu;
             sees_measured && lowest_pu > shapes[*place] + CLEAR_ABOVE_PU
         });
@@ -442,13 +451,12 @@ impl<'a> Screening<'a> {
             .chain(size)
             .map(f64::to_bits)
             .collect();
-        if let Some(known) = self.above.borrow().get(&(number, key.clone())) {
+        if let Some(known) = self.memory.above.borrow().get(&(number, key.clone())) {
             return Some(known.clone());
         }
         let added = added()?;
-        self.above
-            .borrow_mut()
-            .insert((number, key), added.clone());
+        let known = &self.memory.above;
+        known.borrow_mut().insert((number, key), added.clone());
         Some(added)
     }
 
@@ -456,15 +464,23 @@ impl<'a> Screening<'a> {
     fn columns(&self, number: usize, at: &[f64], size: Option<f64>) -> Option<DMatrix<f64>> {
         let amplitudes = self.step.own(Parameter::is_amplitude);
         let (event, base) = (&self.step.rows[number], &self.base.events[number]);
-        let motor = self.motors[number].as_ref();
+        let motor = self.memory.motors[number].as_ref();
         let (Some(size), Some((&first, others))) = (size, amplitudes.split_first()) else {
             return event.added(self.step.model, at, &amplitudes, motor).ok();
         };
         let added = event.added(self.step.model, at, others, motor).ok()?;
+        let mut added = added.insert_column(0, 0.0);
+        let key = (number, at.iter().map(|x| x.to_bits()).collect());
+        if self.memory.nothing.borrow().contains(&key) {
+            return Some(added);
+        }
         let mut with = at.to_vec();
         with[first] += size;
         let residual = event.residual(self.step.model, &with).ok()?;
-        let mut added = added.insert_column(0, 0.0);
+        if residual == base.residual {
+            self.memory.nothing.borrow_mut().insert(key);
+            return Some(added);
+        }
         added.set_column(0, &((&base.residual - residual) / size));
         Some(added)
     }
