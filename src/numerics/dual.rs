@@ -49,13 +49,13 @@ pub trait Scalar: Arithmetic + Div<Output = Self> {
     /// Exponential function.
     #[must_use]
     fn exp(self) -> Self;
-    /// A formula of several numbers, in the widest registers where that serves.
+    /// A formula of several numbers, taken from where they are, in the widest registers where that serves.
     #[inline(always)]
     fn through<const N: usize, const M: usize>(
         kernel: &impl Kernel<N, M>,
-        x: [Self; N],
+        x: [&Self; N],
     ) -> [Self; M] {
-        kernel.apply(x)
+        kernel.apply(x.map(|x| *x))
     }
 }
 

@@ -27,18 +27,18 @@ const LANES: usize = 8;
 /// `kernel` of numbers with [`LANES`] derivatives in the widest registers, of others as they are.
 pub(super) fn in_registers<const PAIRS: usize, const N: usize, const M: usize>(
     kernel: &impl Kernel<N, M>,
-    x: &[Sensitivities<PAIRS>; N],
+    x: [&Sensitivities<PAIRS>; N],
 ) -> [Sensitivities<PAIRS>; M] {
     if Sensitivities::<PAIRS>::COUNT == LANES {
         Arch::new().dispatch(Returning::<_, PAIRS, N, M>(Call { kernel, x }))
     } else {
-        kernel.apply(*x)
+        kernel.apply(x.map(|x| *x))
     }
 }
 
 struct Call<'a, K, const PAIRS: usize, const N: usize> {
     kernel: &'a K,
-    x: &'a [Sensitivities<PAIRS>; N],
+    x: [&'a Sensitivities<PAIRS>; N],
 }
 
 /// A call whose number of results is known.
@@ -55,7 +55,7 @@ impl<K: Kernel<N, M>, const PAIRS: usize, const N: usize, const M: usize> WithSi
         match S::F64_LANES {
             8 => wide::<S, K, 1, PAIRS, N, M>(simd, kernel, x),
             4 => wide::<S, K, 2, PAIRS, N, M>(simd, kernel, x),
-            _ => kernel.apply(*x),
+            _ => kernel.apply(x.map(|x| *x)),
         }
     }
 }
@@ -71,11 +71,11 @@ fn wide<
 >(
     simd: S,
     kernel: &K,
-    x: &[Sensitivities<PAIRS>; N],
+    x: [&Sensitivities<PAIRS>; N],
 ) -> [Sensitivities<PAIRS>; M] {
     let mut numbers = [Wide::<S, W>::constant(simd, 0.0); N];
     for i in 0..N {
-        numbers[i] = Wide::load(simd, &x[i]);
+        numbers[i] = Wide::load(simd, x[i]);
     }
     let found = kernel.apply(numbers);
     let mut out = [Sensitivities::<PAIRS>::new(0.0, &[]); M];
@@ -225,7 +225,8 @@ mod tests {
         let x = [0.7, 2.3, 1.9].map(|value: f64| {
             Sensitivities::<4>::new(value, &slopes(value.to_bits().count_ones() as usize))
         });
-        let (found, expected) = (Sensitivities::through(&Formula, x), Formula.apply(x));
+        let found = Sensitivities::through(&Formula, x.each_ref());
+        let expected = Formula.apply(x);
         for (found, expected) in found.iter().zip(&expected) {
             assert_eq!(found.value.to_bits(), expected.value.to_bits());
             for lane in 0..8 {

@@ -314,9 +314,9 @@ impl<const PAIRS: usize> Scalar for Sensitivities<PAIRS> {
     #[inline(always)]
     fn through<const N: usize, const M: usize>(
         kernel: &impl Kernel<N, M>,
-        x: [Self; N],
+        x: [&Self; N],
     ) -> [Self; M] {
-        in_registers(kernel, &x)
+        in_registers(kernel, x)
     }
 }
 

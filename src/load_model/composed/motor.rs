@@ -161,6 +161,12 @@ struct Detail<S> {
     second_cage: Option<[S; 2]>,
 }
 
+/// A part of a motor that is connected to a share of itself, and has an inertia of its own.
+struct Connected<S> {
+    share: S,
+    inverse_inertia: S,
+}
+
 /// Newton steps for the slip at rest; convergence is quadratic and from below.
 const SLIP_STEPS_MAX: usize = 100;
 /// Steps for the saturated flux at rest, a contraction.
@@ -281,12 +287,12 @@ impl<S: Elementary> Motor<S> {
     pub fn step(&self, state: &MotorState<S>, u: [[S; 2]; 3], duration_s: f64) -> MotorState<S> {
         if self.plain {
             let [a, b, s, alpha, nu, b0] = self.plain_list(state);
-            let [[u0, u1], [u2, u3], [u4, u5]] = u;
+            let [[u0, u1], [u2, u3], [u4, u5]] = &u;
             let list = [a, b, s, alpha, nu, b0, u0, u1, u2, u3, u4, u5];
             let next = S::through(&Plain { duration_s }, list);
             return self.after(next, state.second);
         }
-        self.detailed_step(state, u, &self.constants(None), duration_s)
+        self.detailed_step(state, &u, None, duration_s)
     }
 
     /// [`Self::step`] over phasors that are measured.
@@ -301,11 +307,11 @@ impl<S: Elementary> Motor<S> {
             let next = S::through(&PlainMeasured { u, duration_s }, self.plain_list(state));
             return self.after(next, state.second);
         }
-        let constants = self.constants(None);
         if self.is_beyond_formulas() {
-            return self.special_step(state, u, &constants, duration_s);
+            return self.special_step(state, u, None, duration_s);
         }
-        let (list, has) = constants.listed(listed(state), S::constant(0.0));
+        let nothing = S::constant(0.0);
+        let (list, has) = self.list(state, None, &nothing);
         let kernel = DetailedMeasured { u, duration_s, has };
         let [a, b, s, c, d] = S::through(&kernel, list);
         self.after([a, b, s], [c, d])
@@ -322,9 +328,12 @@ impl<S: Elementary> Motor<S> {
         inertia: S,
         duration_s: f64,
     ) -> MotorState<S> {
-        let mut constants = self.constants(Some(connected));
-        constants.inverse_inertia = constants.inverse_inertia / inertia;
-        self.detailed_step(state, u, &constants, duration_s)
+        let inverse_inertia = self.detail.inverse_inertia / inertia;
+        let part = Connected {
+            share: connected,
+            inverse_inertia,
+        };
+        self.detailed_step(state, &u, Some(&part), duration_s)
     }
 
     /// The state after a step. The rotor stands still at most: a stalled motor does not turn backwards.
@@ -339,30 +348,67 @@ impl<S: Elementary> Motor<S> {
 
     /// States and constants of the plain motor.
     #[inline(always)]
-    fn plain_list(&self, state: &MotorState<S>) -> [S; 6] {
-        let [a, b] = state.flux;
-        let b0 = self.rest.flux[1];
-        [a, b, state.speed_rad_s, self.alpha, self.nu, b0]
+    fn plain_list<'s>(&'s self, state: &'s MotorState<S>) -> [&'s S; 6] {
+        let [a, b] = &state.flux;
+        let b0 = &self.rest.flux[1];
+        [a, b, &state.speed_rad_s, &self.alpha, &self.nu, b0]
     }
 
     fn detailed_step(
         &self,
         state: &MotorState<S>,
-        u: [[S; 2]; 3],
-        constants: &Constants<S>,
+        u: &[[S; 2]; 3],
+        part: Option<&Connected<S>>,
         duration_s: f64,
     ) -> MotorState<S> {
         if self.is_beyond_formulas() {
-            return self.special_step(state, u, constants, duration_s);
+            return self.special_step(state, *u, part, duration_s);
         }
-        let (first, has) = constants.listed(listed(state), S::constant(0.0));
-        let mut list = [first[0]; LISTED + 6];
+        let nothing = S::constant(0.0);
+        let (first, has) = self.list(state, part, &nothing);
+        let mut list = [&nothing; LISTED + 6];
         list[..LISTED].copy_from_slice(&first);
-        for (i, u) in u.into_iter().flatten().enumerate() {
-            list[LISTED + i] = u;
+        for (place, u) in list[LISTED..].iter_mut().zip(u.iter().flatten()) {
+            *place = u;
         }
         let [a, b, s, c, d] = S::through(&Detailed { duration_s, has }, list);
         self.after([a, b, s], [c, d])
+    }
+
+    /// What a formula of a step wants, `nothing` where a constant is missing; and whether there are a second cage
+    /// and a connected share.
+    #[inline(always)]
+    fn list<'s>(
+        &'s self,
+        state: &'s MotorState<S>,
+        part: Option<&'s Connected<S>>,
+        nothing: &'s S,
+    ) -> ([&'s S; LISTED], [bool; 2]) {
+        let d = &self.detail;
+        let ([a, b], [c, e]) = (&state.flux, &state.second);
+        let [re, im] = &self.admittance;
+        let cage = d.second_cage.as_ref();
+        let [difference, inverse_time] = cage.map_or([nothing; 2], |cage| cage.each_ref());
+        let (inverse_inertia, share) = part.map_or((&d.inverse_inertia, nothing), |part| {
+            (&part.inverse_inertia, &part.share)
+        });
+        let list = [
+            a,
+            b,
+            &state.speed_rad_s,
+            c,
+            e,
+            &d.difference,
+            &d.decay_per_s,
+            inverse_inertia,
+            &d.rest_torque,
+            re,
+            im,
+            difference,
+            inverse_time,
+            share,
+        ];
+        (list, [cage.is_some(), part.is_some()])
     }
 
     /// Whether a step needs more than the four operations.
@@ -375,36 +421,32 @@ impl<S: Elementary> Motor<S> {
         &self,
         state: &MotorState<S>,
         u: [[V; 2]; 3],
-        constants: &Constants<S>,
+        part: Option<&Connected<S>>,
         duration_s: f64,
     ) -> MotorState<S>
     where
         S: Mul<V, Output = S> + Add<V, Output = S>,
     {
+        let d = &self.detail;
+        let constants = Constants {
+            difference: d.difference,
+            decay_per_s: d.decay_per_s,
+            inverse_inertia: part.map_or(d.inverse_inertia, |part| part.inverse_inertia),
+            admittance: self.admittance,
+            second_cage: d.second_cage,
+            connected: part.map(|part| part.share),
+        };
         let held = |e: [S; 2]| {
-            self.detail.saturation.map_or(e, |curve| {
+            d.saturation.map_or(e, |curve| {
                 let factor = saturation_factor(curve, e);
                 [e[0] * factor, e[1] * factor]
             })
         };
         let load = |speed: S| self.load_torque(speed);
-        let start = listed(state);
-        let [a, b, s, c, d] = detailed(constants, start, u, duration_s, held, load);
-        self.after([a, b, s], [c, d])
-    }
-
-    #[inline(always)]
-    fn constants(&self, connected: Option<S>) -> Constants<S> {
-        let d = &self.detail;
-        Constants {
-            difference: d.difference,
-            decay_per_s: d.decay_per_s,
-            inverse_inertia: d.inverse_inertia,
-            rest_torque: d.rest_torque,
-            admittance: self.admittance,
-            second_cage: d.second_cage,
-            connected,
-        }
+        let ([a, b], [c, e]) = (state.flux, state.second);
+        let start = [a, b, state.speed_rad_s, c, e];
+        let [a, b, s, c, e] = detailed(&constants, start, u, duration_s, held, load);
+        self.after([a, b, s], [c, e])
     }
 
     #[inline(always)]
@@ -420,12 +462,6 @@ impl<S: Elementary> Motor<S> {
         let ratio = (speed_rad_s + synchronous) / (self.rest.speed_rad_s + synchronous);
         rest * power(at_least(ratio, SPEED_RATIO_MIN), exponent)
     }
-}
-
-#[inline(always)]
-fn listed<S: Copy>(state: &MotorState<S>) -> [S; 5] {
-    let ([a, b], [c, d]) = (state.flux, state.second);
-    [a, b, state.speed_rad_s, c, d]
 }
 
 #[inline(always)]

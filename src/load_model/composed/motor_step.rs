@@ -19,8 +19,6 @@ pub(super) struct Constants<T> {
     pub(super) decay_per_s: T,
     /// `nu/G`.
     pub(super) inverse_inertia: T,
-    /// `t_0`.
-    pub(super) rest_torque: T,
     /// `1/Z'` or `1/Z''`.
     pub(super) admittance: [T; 2],
     /// `x' - x''` and `1/T''` of a second cage.
@@ -158,7 +156,8 @@ impl Kernel<12, 3> for Plain {
     }
 }
 
-/// States and constants as one list.
+/// Numbers of a step: `e'`, the speed, `e''`, `D`, `1/T0'`, `nu/G`, `t_0`, the admittance, the two of a second cage,
+/// and the connected share.
 pub(super) const LISTED: usize = 14;
 
 /// [`detailed`] without saturation on a constant torque, over phasors without derivatives.
@@ -207,7 +206,6 @@ where
         difference: x[5],
         decay_per_s: x[6],
         inverse_inertia: x[7],
-        rest_torque: x[8],
         admittance: [x[9], x[10]],
         second_cage: if cage { Some([x[11], x[12]]) } else { None },
         connected: if share { Some(x[13]) } else { None },
@@ -223,29 +221,4 @@ where
         #[inline(always)]
         |_| x[8],
     )
-}
-
-impl<T: Copy> Constants<T> {
-    /// The list of [`unsaturated`], with `nothing` where a constant is missing; and which are there.
-    pub(super) fn listed(&self, [a, b, s, c, d]: [T; 5], nothing: T) -> ([T; LISTED], [bool; 2]) {
-        let cage = self.second_cage.unwrap_or([nothing; 2]);
-        let list = [
-            a,
-            b,
-            s,
-            c,
-            d,
-            self.difference,
-            self.decay_per_s,
-            self.inverse_inertia,
-            self.rest_torque,
-            self.admittance[0],
-            self.admittance[1],
-            cage[0],
-            cage[1],
-            self.connected.unwrap_or(nothing),
-        ];
-        let has = [self.second_cage.is_some(), self.connected.is_some()];
-        (list, has)
-    }
 }
