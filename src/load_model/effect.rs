@@ -37,6 +37,9 @@ pub const LANES: usize = 8;
 /// The scalar of a sensitivity pass.
 pub type Sensitivity = Sensitivities<{ LANES / 2 }>;
 
+/// The scalar of a pass with one or two derivatives.
+pub type PairSensitivity = Sensitivities<1>;
+
 /// Whether an effect is a property of the load or of the instrument that looks at it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
@@ -309,7 +312,7 @@ pub trait Declared: Debug + Send + Sync {
 
     /// Sizes of the first amplitude at which a screen should look, where what happens at a small one says
     /// nothing of a real one (a tap changer whose steps are too small never ends). Empty: the
-    /// derivative at the neutral value serves.
+    /// derivative at the neutral value serves. Where of some shapes one size does nothing in an event, none does.
     fn screened_at(&self) -> &'static [f64] {
         &[]
     }
@@ -353,20 +356,29 @@ pub trait Declared: Debug + Send + Sync {
     }
 }
 
-/// An effect as the catalogue holds it: its declaration and its equations for the two scalars.
+/// An effect as the catalogue holds it: its declaration and its equations for the scalars of a simulation.
 pub trait Effect: Declared {
     /// The equations for values.
     fn plain(&self) -> &dyn Equations<f64>;
     /// The equations for values and [`LANES`] derivatives.
     fn with_sensitivities(&self) -> &dyn Equations<Sensitivity>;
+    /// The equations for values and two derivatives.
+    fn with_two(&self) -> &dyn Equations<PairSensitivity>;
 }
 
-impl<E: Declared + Equations<f64> + Equations<Sensitivity>> Effect for E {
+impl<E> Effect for E
+where
+    E: Declared + Equations<f64> + Equations<Sensitivity> + Equations<PairSensitivity>,
+{
     fn plain(&self) -> &dyn Equations<f64> {
         self
     }
 
     fn with_sensitivities(&self) -> &dyn Equations<Sensitivity> {
+        self
+    }
+
+    fn with_two(&self) -> &dyn Equations<PairSensitivity> {
         self
     }
 }

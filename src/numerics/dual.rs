@@ -11,6 +11,8 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
+use super::kernel::Kernel;
+
 /// What a polynomial right-hand side needs of its numbers. Besides every [`Scalar`], lanes of numbers
 /// side by side have it.
 pub trait Arithmetic:
@@ -47,6 +49,14 @@ pub trait Scalar: Arithmetic + Div<Output = Self> {
     /// Exponential function.
     #[must_use]
     fn exp(self) -> Self;
+    /// A formula of several numbers, taken from where they are, in the widest registers where that serves.
+    #[inline(always)]
+    fn through<const N: usize, const M: usize>(
+        kernel: &impl Kernel<N, M>,
+        x: [&Self; N],
+    ) -> [Self; M] {
+        kernel.apply(x.map(|x| *x))
+    }
 }
 
 impl Scalar for f64 {

@@ -11,7 +11,10 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Elementary, Scalar};
+use super::{
+    Elementary, Scalar,
+    kernel::{Kernel, in_registers},
+};
 
 /// Two numbers side by side.
 #[cfg(target_arch = "x86_64")]
@@ -150,6 +153,26 @@ impl<const PAIRS: usize> Sensitivities<PAIRS> {
         pair.map_or(0.0, |pair| pair.numbers()[index % 2])
     }
 
+    /// The first derivatives; zero where there are fewer.
+    #[inline(always)]
+    pub(super) fn first<const N: usize>(&self) -> [f64; N] {
+        let mut all = [0.0; N];
+        for i in 0..PAIRS.min(N / 2) {
+            [all[2 * i], all[2 * i + 1]] = self.pairs[i].numbers();
+        }
+        all
+    }
+
+    /// A value with its first derivatives.
+    #[inline(always)]
+    pub(super) fn with_first<const N: usize>(value: f64, derivatives: &[f64; N]) -> Self {
+        let mut whole = Self::constant(value);
+        for i in 0..PAIRS.min(N / 2) {
+            whole.pairs[i] = Pair::new([derivatives[2 * i], derivatives[2 * i + 1]]);
+        }
+        whole
+    }
+
     /// All derivatives in order.
     pub fn derivatives(&self) -> impl Iterator<Item = f64> {
         self.pairs.iter().flat_map(|pair| pair.numbers())
@@ -286,6 +309,14 @@ impl<const PAIRS: usize> Scalar for Sensitivities<PAIRS> {
     fn exp(self) -> Self {
         let power = self.value.exp();
         self.chain(power, power)
+    }
+
+    #[inline(always)]
+    fn through<const N: usize, const M: usize>(
+        kernel: &impl Kernel<N, M>,
+        x: [&Self; N],
+    ) -> [Self; M] {
+        in_registers(kernel, x)
     }
 }
 

@@ -178,9 +178,15 @@ impl Block {
         block
     }
 
+    /// The mean over its standard error.
+    fn errors(&self) -> f64 {
+        let mean_pu = self.weighted_residual / self.weight;
+        mean_pu.abs() * (self.weight / SAMPLES_PER_VALUE).sqrt()
+    }
+
     fn stretch(&self, samples: f64) -> Stretch {
         let mean_pu = self.weighted_residual / self.weight;
-        let errors = mean_pu.abs() * (self.weight / SAMPLES_PER_VALUE).sqrt();
+        let errors = self.errors();
         let chance = (2.0 * (1.0 + (samples / self.samples).ln())).sqrt();
         Stretch {
             begin_s: self.begin_s,
@@ -205,6 +211,10 @@ fn most_significant(blocks: &[Block]) -> Option<Stretch> {
             sums.samples += block.samples;
             sums.weight += block.weight;
             sums.weighted_residual += block.weighted_residual;
+            // What chance brings only lowers a score.
+            if sums.errors() <= best.map_or(SIGNIFICANT, |best| best.score) {
+                continue;
+            }
             let stretch = sums.stretch(samples);
             let counts = stretch.score >= SIGNIFICANT && stretch.to_noise >= NOISES_MIN;
             if counts && best.is_none_or(|best| stretch.score > best.score) {

@@ -52,6 +52,20 @@ impl EventCovariance {
         gram(&whitened) - cross.tr_mul(&self.factor.solve(&cross))
     }
 
+    /// Columns, ready for products with others of the same event.
+    pub(super) fn weighted(&self, columns: &DMatrix<f64>) -> Weighted {
+        let mut whitened = columns.clone();
+        for mut column in whitened.column_iter_mut() {
+            column.component_mul_assign(&self.root_weights);
+        }
+        let varying = cross(&self.basis, &whitened);
+        Weighted {
+            solved: self.factor.solve(&varying),
+            varying,
+            whitened,
+        }
+    }
+
     /// `r' Sigma^-1 r`.
     pub(super) fn square(&self, residual: &DVector<f64>) -> f64 {
         let whitened = residual.component_mul(&self.root_weights);
@@ -79,6 +93,23 @@ impl EventCovariance {
     }
 }
 
+/// Columns of an event as its covariance weighs them.
+#[derive(Clone, Debug)]
+pub(super) struct Weighted {
+    /// `W^(1/2) A`.
+    whitened: DMatrix<f64>,
+    /// `B' W A`, and what the factored inner matrix makes of it.
+    varying: DMatrix<f64>,
+    solved: DMatrix<f64>,
+}
+
+impl Weighted {
+    /// `A' Sigma^-1 C` with the columns `C` of `other`, of the same event.
+    pub(super) fn product(&self, other: &Self) -> DMatrix<f64> {
+        cross(&self.whitened, &other.whitened) - self.varying.tr_mul(&other.solved)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,6 +127,11 @@ mod tests {
         let inverse = full.clone().try_inverse().unwrap();
         let expected = rows.transpose() * &inverse * &rows;
         assert!((covariance.gram(&rows) - &expected).amax() < 1e-12);
+        let [one, both] = [rows.columns(0, 1).into_owned(), rows.clone()];
+        let product = covariance
+            .weighted(&one)
+            .product(&covariance.weighted(&both));
+        assert!((product - expected.rows(0, 1)).amax() < 1e-12);
         let residual: DVector<f64> = rows.column(1).into_owned();
         assert!((covariance.square(&residual) - expected[(1, 1)]).abs() < 1e-12);
         let noise = DVector::from_vec(deviations.map(|d| d * d).to_vec());

@@ -2,10 +2,11 @@
 //! refitted in stages from the best of them.
 
 use super::{
+    base::Base,
     fit::{ComposedFit, ComposedFitOptions, approached, fit_rows, unfitted},
     relay_walk,
     rows::EventRows,
-    screening::{Base, Candidate, Score, Screening, Step, thresholds},
+    screening::{Candidate, Memory, Score, Screening, Step, thresholds},
     threshold::settled,
 };
 use crate::{
@@ -79,6 +80,8 @@ pub struct Screened {
     /// Over the grid and from every origin, by its place, most gain first; those from the one that was not fitted
     /// come last.
     candidates: Vec<(usize, Candidate)>,
+    /// What the screens from every origin share; none where there was no screen.
+    memories: Vec<Option<Memory>>,
 }
 
 impl std::fmt::Debug for Screened {
@@ -172,14 +175,17 @@ impl<'a> Ground<'a> {
             .and_then(|name| screened.model.index(&format!("{own}.{name}")))
             .map(|index| &screened.model.parameters()[index].declaration);
         let voltages = threshold.map_or_else(Vec::new, |p| thresholds(self.events, p));
-        let mut candidates = Vec::new();
+        let (mut candidates, mut memories) = (Vec::new(), Vec::new());
         let is_unfitted = |number: usize| self.unfitted == Some(number);
         for (number, (_, base)) in self.origins.iter().enumerate() {
-            if let Some(base) = base {
+            let memory = base.as_ref().map(|base| {
                 let step = self.step(number, &screened);
-                let found = Screening::new(&step, base).screen(&voltages);
+                let memory = Memory::new(&step);
+                let found = Screening::new(&step, base, &memory).screen(&voltages);
                 candidates.extend(found.into_iter().map(|c| (number, c)));
-            }
+                memory
+            });
+            memories.push(memory);
         }
         // An origin from which even the best candidate leaves more than another leaves without any was
         // fitted to something else: what it gains says nothing.
@@ -192,6 +198,7 @@ impl<'a> Ground<'a> {
             is_unfitted(a.0).cmp(&is_unfitted(b.0)).then(gain)
         });
         screened.candidates = candidates;
+        screened.memories = memories;
         Ok(screened)
     }
 
@@ -204,6 +211,7 @@ impl<'a> Ground<'a> {
             effect: effects::find(effect.trim()).ok_or_else(not_there)?,
             model: ComposedModel::new(&extended),
             candidates: Vec::new(),
+            memories: Vec::new(),
         })
     }
 
@@ -229,11 +237,12 @@ impl<'a> Ground<'a> {
         let sizes = screened.effect.screened_at().len();
         let starts = STARTS.max(sizes) + usize::from(self.unfitted.is_some());
         for (number, candidate) in distinct(promising, starts) {
-            let Some(base) = &self.origins[number].1 else {
+            let known = screened.memories.get(number).and_then(Option::as_ref);
+            let (Some(base), Some(memory)) = (&self.origins[number].1, known) else {
                 continue;
             };
             let step = self.step(number, screened);
-            let candidate = Screening::new(&step, base).polish(candidate);
+            let candidate = Screening::new(&step, base, memory).polish(candidate);
             let from = step.start(&candidate, base);
             let Some(fit) = from.and_then(|from| step.effect_alone(&from)) else {
                 continue;

@@ -1,5 +1,7 @@
 //! The rows of one event: every used sample of P, then of Q, as residuals and derivative columns.
 
+use std::sync::Arc;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::{
@@ -9,7 +11,7 @@ use super::{
 use crate::{
     identification::{evaluate::Curves, intake::PreparedEvent, joint_problem::ProblemOptions},
     load_model::{
-        composed::{Accuracy, ComposedModel, Drive, MotorCourse, Response, SimulationError},
+        composed::{Accuracy, ComposedModel, Drive, Grid, MotorCourse, Response, SimulationError},
         effect::{Place, Role},
         effects,
     },
@@ -59,6 +61,7 @@ pub(super) struct EventRows<'a> {
     measured: DVector<f64>,
     deviations: Vec<f64>,
     accuracy: Accuracy,
+    grid: Arc<Grid>,
 }
 
 impl<'a> EventRows<'a> {
@@ -78,6 +81,7 @@ impl<'a> EventRows<'a> {
             used,
             event,
             accuracy,
+            grid: Arc::new(Grid::new(&event.input, accuracy)),
         }
     }
 
@@ -86,9 +90,10 @@ impl<'a> EventRows<'a> {
         self.event.v0_pu * self.event.input.lowest_voltage()
     }
 
-    fn drive(&self) -> Drive<'a> {
+    fn drive(&self) -> Drive<'_> {
         Drive {
             accuracy: self.accuracy,
+            grid: Some(&self.grid),
             ..drive(self.event)
         }
     }
@@ -122,7 +127,9 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
     ) -> Result<DVector<f64>, SimulationError> {
         let response = self.simulate(model, parameters, &[])?;
-        Ok(&self.measured - self.stacked(&response.active, &response.reactive))
+        let mut rows = self.stacked(&response.active, &response.reactive);
+        self.subtracted(rows.as_mut_slice());
+        Ok(rows)
     }
 
     /// Derivatives of the modelled rows, one column per wanted parameter, and the residual as the
@@ -138,9 +145,18 @@ impl<'a> EventRows<'a> {
         let mut rows = DMatrix::zeros(self.count(), wanted.len() + 1);
         let derivatives = [&response.active_derivatives, &response.reactive_derivatives];
         self.set_columns(&mut rows, &sources, derivatives);
-        let residual = &self.measured - self.stacked(&response.active, &response.reactive);
-        rows.set_column(wanted.len(), &residual);
+        let mut residual = rows.column_mut(wanted.len());
+        let residual = residual.as_mut_slice();
+        self.report(&response.active, &response.reactive, residual);
+        self.subtracted(residual);
         Ok(rows)
+    }
+
+    /// Puts what was measured less the rows in their place.
+    fn subtracted(&self, rows: &mut [f64]) {
+        for (row, measured) in rows.iter_mut().zip(self.measured.iter()) {
+            *row = measured - *row;
+        }
     }
 
     /// Where the derivative columns by the parameters `wanted` come from.
@@ -182,8 +198,12 @@ impl<'a> EventRows<'a> {
             let Some((place, factor)) = source else {
                 continue;
             };
-            let stacked = self.stacked(&active[*place], &reactive[*place]);
-            rows.set_column(column, &(stacked * *factor));
+            let mut into = rows.column_mut(column);
+            let into = into.as_mut_slice();
+            self.report(&active[*place], &reactive[*place], into);
+            for row in into {
+                *row *= *factor;
+            }
         }
     }
 
@@ -286,10 +306,25 @@ impl<'a> EventRows<'a> {
 
     /// P and Q at the output instants as the instrument reports them, at the used samples.
     fn stacked(&self, active: &[f64], reactive: &[f64]) -> DVector<f64> {
-        let measured = self.event.chain.measured(active, reactive);
-        let channel = |c: usize| self.used.iter().map(move |&k| (k, c));
-        let rows = channel(0).chain(channel(1)).map(|(k, c)| measured[k][c]);
-        DVector::from_iterator(2 * self.used.len(), rows)
+        let mut rows = DVector::zeros(self.count());
+        self.report(active, reactive, rows.as_mut_slice());
+        rows
+    }
+
+    /// The same, written to the rows `into`.
+    fn report(&self, active: &[f64], reactive: &[f64], into: &mut [f64]) {
+        let (chain, (p, q)) = (&self.event.chain, into.split_at_mut(self.used.len()));
+        let mut filtered = chain.filtered().iter().peekable();
+        for ((&k, p), q) in self.used.iter().zip(p).zip(q) {
+            while filtered.next_if(|f| f.sample < k).is_some() {}
+            [*p, *q] = match filtered.next_if(|f| f.sample == k) {
+                Some(filtered) => filtered.measured(active, reactive),
+                None => {
+                    let at = chain.instant(k);
+                    [active[at], reactive[at]]
+                }
+            };
+        }
     }
 }
 

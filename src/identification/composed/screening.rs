@@ -1,15 +1,18 @@
 //! Scores of an effect on a fitted model: what a linear extrapolation from its absence promises, over
 //! a grid of its shapes and around the best of them.
 
-use std::{cell::RefCell, collections::HashMap};
+use std::{
+    cell::RefCell,
+    collections::{HashMap, HashSet},
+};
 
 use nalgebra::{DMatrix, DVector};
 
 use super::{
+    base::{Added, Base, Projected},
     coordinates::Coordinates,
-    covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions, Place},
-    rows::{EventRows, Scatter},
+    rows::EventRows,
 };
 use crate::{
     identification::intake::PreparedEvent,
@@ -88,102 +91,36 @@ pub(super) struct Step<'a> {
     pub(super) cancel: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// The place of an event among the rows, and the bits of all shapes but the threshold.
+/// The place of an event among the rows, and the bits of shapes (all but the threshold, or of a whole vector).
 type BesideThreshold = (usize, Vec<u64>);
 
 /// A step with what all candidates share.
 pub(super) struct Screening<'a> {
     step: &'a Step<'a>,
     base: &'a Base,
+    memory: &'a Memory,
+}
+
+/// What the screens of one effect on one fit share.
+pub(super) struct Memory {
     /// What the motor does in every event while the effect is absent; none where that is of no use.
     motors: Vec<Option<MotorCourse>>,
-    /// Columns of events that stay above the threshold, which do not depend on where it lies.
-    above: RefCell<HashMap<BesideThreshold, DMatrix<f64>>>,
+    /// What is added to events that stay above the threshold, which does not depend on where it lies.
+    above: RefCell<HashMap<BesideThreshold, Added>>,
+    /// Events in which an effect of some shapes does nothing at one of its sizes, and so at none.
+    nothing: RefCell<HashSet<BesideThreshold>>,
 }
 
-/// What of a score depends on the fitted model alone: of every event the derivative columns of what
-/// was free, the residual and the covariance; and what the priors say.
-pub(super) struct Base {
-    events: Vec<BaseOfEvent>,
-    prior: PriorOfBase,
-}
-
-/// The priors of what was free, in the parameters' own units. A threshold between two dips has no slope:
-/// its prior is all that holds it.
-struct PriorOfBase {
-    /// Squared distance from the centres, in deviations.
-    square: f64,
-    /// What pulls each parameter away from its centre.
-    gradient: DVector<f64>,
-    precision: DVector<f64>,
-}
-
-struct BaseOfEvent {
-    columns: DMatrix<f64>,
-    residual: DVector<f64>,
-    covariance: EventCovariance,
-    lowest_voltage_pu: f64,
-}
-
-impl Base {
-    /// Of a fit to the events; `None` where one cannot be simulated.
-    pub(super) fn new(
-        rows: &[EventRows<'_>],
-        fit: &ComposedFit,
-        scatter: &Scatter,
-    ) -> Option<Self> {
-        let of = |event: &EventRows<'_>| {
-            let expanded = event
-                .expanded(&fit.model, &fit.parameters, &fit.free)
-                .ok()?;
-            let count = fit.free.len();
-            Some(BaseOfEvent {
-                columns: expanded.columns(0, count).into_owned(),
-                residual: expanded.column(count).into_owned(),
-                covariance: (event.covariance(&fit.model, &fit.parameters, scatter)).ok()??,
-                lowest_voltage_pu: event.lowest_voltage_pu(),
-            })
-        };
-        let events = rows.iter().map(of).collect::<Option<_>>()?;
-        Some(Self {
-            events,
-            prior: PriorOfBase::new(fit),
-        })
-    }
-
-    /// `sum r' Sigma^-1 r` and the squared distance from the priors, without any effect.
-    pub(super) fn left(&self) -> f64 {
-        let events = self.events.iter();
-        let squares: f64 = events.map(|e| e.covariance.square(&e.residual)).sum();
-        squares + self.prior.square
-    }
-
-    /// `sum r' Sigma^-1 r` of a model with the covariances of this one.
-    pub(super) fn squares(
-        &self,
-        rows: &[EventRows<'_>],
-        model: &ComposedModel,
-        parameters: &[f64],
-    ) -> Option<f64> {
-        let square = |(event, base): (&EventRows<'_>, &BaseOfEvent)| {
-            let residual = event.residual(model, parameters).ok()?;
-            Some(base.covariance.square(&residual))
-        };
-        let squares: Option<Vec<f64>> = rows.iter().zip(&self.events).map(square).collect();
-        Some(squares?.iter().sum())
-    }
-}
-
-impl PriorOfBase {
-    fn new(fit: &ComposedFit) -> Self {
-        let coordinates = Coordinates::new(&fit.model, &fit.parameters, &fit.free);
-        let slopes = DVector::from_vec(coordinates.slopes(&fit.parameters));
-        let (half_square, gradient, precision) =
-            coordinates.prior(&coordinates.unknowns(&fit.parameters));
+impl Memory {
+    pub(super) fn new(step: &Step<'_>) -> Self {
+        let neutral = step.neutral();
+        let amplitudes = step.own(Parameter::is_amplitude);
+        let of =
+            |event: &EventRows<'_>| event.motor_course(step.model, &neutral, &amplitudes).ok()?;
         Self {
-            square: 2.0 * half_square,
-            gradient: gradient.component_div(&slopes),
-            precision: precision.component_div(&slopes.component_mul(&slopes)),
+            motors: step.rows.iter().map(of).collect(),
+            above: RefCell::default(),
+            nothing: RefCell::default(),
         }
     }
 }
@@ -326,17 +263,8 @@ impl Step<'_> {
 
 impl<'a> Screening<'a> {
     /// Of a step from a fit of which `base` is.
-    pub(super) fn new(step: &'a Step<'a>, base: &'a Base) -> Self {
-        let neutral = step.neutral();
-        let amplitudes = step.own(Parameter::is_amplitude);
-        let of =
-            |event: &EventRows<'_>| event.motor_course(step.model, &neutral, &amplitudes).ok()?;
-        Self {
-            step,
-            base,
-            motors: step.rows.iter().map(of).collect(),
-            above: RefCell::default(),
-        }
+    pub(super) fn new(step: &'a Step<'a>, base: &'a Base, memory: &'a Memory) -> Self {
+        Self { step, base, memory }
     }
 
     /// Candidates over the grid, with thresholds in `voltages`, best first.
@@ -458,38 +386,28 @@ impl<'a> Screening<'a> {
         }
         let at = &self.step.at(&shapes);
         let amplitudes = self.step.own(Parameter::is_amplitude);
-        let before = self.step.free_before().len();
         let count = amplitudes.len();
-        let mut sum = DMatrix::zeros(before + count + 1, before + count + 1);
-        for (number, base) in self.base.events.iter().enumerate() {
+        let mut sum: Option<Added> = None;
+        for number in 0..self.base.events.len() {
             let added = self.added(number, at, &shapes, size)?;
-            let mut rows = DMatrix::zeros(base.residual.len(), before + count + 1);
-            rows.columns_mut(0, before).copy_from(&base.columns);
-            rows.columns_mut(before, count).copy_from(&added);
-            rows.set_column(before + count, &base.residual);
-            sum += base.covariance.gram(&rows);
+            sum = Some(match sum {
+                None => added,
+                Some(sum) => sum.plus(&added),
+            });
         }
-        let (residual, prior) = (before + count, &self.base.prior);
-        sum[(residual, residual)] += prior.square;
-        for i in 0..before {
-            // What the base leaves undetermined must not be divided by.
-            sum[(i, i)] = sum[(i, i)] * (1.0 + 1e-9) + prior.precision[i];
-            sum[(i, residual)] -= prior.gradient[i];
-            sum[(residual, i)] -= prior.gradient[i];
-        }
-        let base_part = sum.view((0, 0), (before, before)).into_owned().cholesky()?;
-        let cross = sum.view((0, before), (before, count + 1)).into_owned();
-        let own = sum
-            .view((before, before), (count + 1, count + 1))
-            .into_owned();
-        let projected = &own - cross.tr_mul(&base_part.solve(&cross));
+        let Projected {
+            projected,
+            own,
+            cross,
+            factor,
+        } = self.base.projected(&sum?)?;
         let information = projected.view((0, 0), (count, count)).into_owned();
         let right: DVector<f64> = projected
             .view((0, count), (count, 1))
             .column(0)
             .into_owned();
         let visibility = (0..count)
-            .map(|i| projected[(i, i)] / own[(i, i)].max(f64::MIN_POSITIVE))
+            .map(|i| projected[(i, i)] / own[i].max(f64::MIN_POSITIVE))
             .fold(1.0, f64::min);
         let mut amplitude = self.step.amplitude(&information, &right, &amplitudes)?;
         if let Some(size) = size {
@@ -509,55 +427,60 @@ impl<'a> Screening<'a> {
             score,
             left,
             size,
-            following: base_part.solve(&to_residual),
+            following: factor.solve(&to_residual),
         })
     }
 
-    /// The columns of the amplitudes in an event, from memory where it stays above the threshold.
-    fn added(
-        &self,
-        number: usize,
-        at: &[f64],
-        shapes: &[f64],
-        size: Option<f64>,
-    ) -> Option<DMatrix<f64>> {
+    /// What the amplitudes add to an event, from memory where it stays above the threshold.
+    fn added(&self, number: usize, at: &[f64], shapes: &[f64], size: Option<f64>) -> Option<Added> {
+        let added = || {
+            let columns = self.columns(number, at, size)?;
+            Some(self.base.events[number].added(&columns))
+        };
         let place = self.step.threshold_place().filter(|place| {
             // Where the load sees another phasor than the measured one its lowest voltage is not known.
-            let sees_measured = self.motors[number].is_some();
+            let sees_measured = self.memory.motors[number].is_some();
             let lowest_pu = self.base.events[number].lowest_voltage_pu;
             sees_measured && lowest_pu > shapes[*place] + CLEAR_ABOVE_PU
         });
         let Some(place) = place else {
-            return self.columns(number, at, size);
+            return added();
         };
         let others = shapes.iter().enumerate().filter(|(i, _)| *i != place);
         let key: Vec<u64> = (others.map(|(_, value)| *value))
             .chain(size)
             .map(f64::to_bits)
             .collect();
-        if let Some(known) = self.above.borrow().get(&(number, key.clone())) {
+        if let Some(known) = self.memory.above.borrow().get(&(number, key.clone())) {
             return Some(known.clone());
         }
-        let columns = self.columns(number, at, size)?;
-        self.above
-            .borrow_mut()
-            .insert((number, key), columns.clone());
-        Some(columns)
+        let added = added()?;
+        let known = &self.memory.above;
+        known.borrow_mut().insert((number, key), added.clone());
+        Some(added)
     }
 
     /// The columns of the amplitudes: derivatives, or for the first what it does at a size, per unit of it.
     fn columns(&self, number: usize, at: &[f64], size: Option<f64>) -> Option<DMatrix<f64>> {
         let amplitudes = self.step.own(Parameter::is_amplitude);
         let (event, base) = (&self.step.rows[number], &self.base.events[number]);
-        let motor = self.motors[number].as_ref();
+        let motor = self.memory.motors[number].as_ref();
         let (Some(size), Some((&first, others))) = (size, amplitudes.split_first()) else {
             return event.added(self.step.model, at, &amplitudes, motor).ok();
         };
         let added = event.added(self.step.model, at, others, motor).ok()?;
+        let mut added = added.insert_column(0, 0.0);
+        let key = (number, at.iter().map(|x| x.to_bits()).collect());
+        if self.memory.nothing.borrow().contains(&key) {
+            return Some(added);
+        }
         let mut with = at.to_vec();
         with[first] += size;
         let residual = event.residual(self.step.model, &with).ok()?;
-        let mut added = added.insert_column(0, 0.0);
+        if residual == base.residual {
+            self.memory.nothing.borrow_mut().insert(key);
+            return Some(added);
+        }
         added.set_column(0, &((&base.residual - residual) / size));
         Some(added)
     }

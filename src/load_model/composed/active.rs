@@ -1,9 +1,9 @@
 //! The scalars of a simulation, and an effect as it takes part in one.
 
 use super::feeder::Implicit;
-use crate::load_model::effect::{Declaration, Effect, Equations, Sensitivity};
+use crate::load_model::effect::{Declaration, Effect, Equations, PairSensitivity, Sensitivity};
 
-/// The two scalars of a simulation.
+/// The scalars of a simulation.
 pub(super) trait Pass: Implicit + 'static {
     fn equations(effect: &dyn Effect) -> &dyn Equations<Self>;
 }
@@ -17,6 +17,12 @@ impl Pass for f64 {
 impl Pass for Sensitivity {
     fn equations(effect: &dyn Effect) -> &dyn Equations<Self> {
         effect.with_sensitivities()
+    }
+}
+
+impl Pass for PairSensitivity {
+    fn equations(effect: &dyn Effect) -> &dyn Equations<Self> {
+        effect.with_two()
     }
 }
 

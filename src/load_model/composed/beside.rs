@@ -1,8 +1,10 @@
 //! Derivatives beside a motor whose course is known: what a power relay or a recovering load adds can be
 //! looked at for many of its shapes without integrating the motor again.
 
+use std::sync::Arc;
+
 use super::{
-    ComposedModel, Drive, MotorDescription, SimulationError, derivatives,
+    ComposedModel, Drive, MotorDescription, SimulationError,
     grid::Grid,
     kept::Kept,
     run::{Course, describe},
@@ -16,7 +18,7 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct MotorCourse {
     description: MotorDescription<f64>,
-    grid: Grid,
+    grid: Arc<Grid>,
     kept: Kept,
 }
 
@@ -41,7 +43,7 @@ impl ComposedModel {
         if !self.sees_the_measured_phasor(&acting) {
             return Ok(None);
         }
-        let grid = Grid::new(drive.terminal, drive.accuracy);
+        let grid = drive.shared();
         let mut kept = Kept::new(true);
         let course = Course::Integrate(&mut kept);
         self.pass::<f64>(drive, &grid, |i| parameters[i], &acting, course)?;
@@ -77,25 +79,18 @@ impl ComposedModel {
         }
         let mut kept = motor.kept.clone();
         kept.forget_effects();
-        let course = Course::BesideMotor(&mut kept);
+        let course = Course::EffectsAlone(&mut kept);
         self.pass::<f64>(drive, &motor.grid, |i| parameters[i], &acting, course)?;
-        let mut columns = [0, 1].map(|_| Vec::with_capacity(wanted.len()));
+        let mut columns: DerivativeColumns = [0, 1].map(|_| Vec::with_capacity(wanted.len()));
         for lanes in wanted.chunks(LANES) {
-            let variable = |i: usize| match lanes.iter().position(|w| *w == i) {
-                Some(lane) => Sensitivity::variable(parameters[i], lane),
-                None => Sensitivity::constant(parameters[i]),
-            };
             let course = Course::Replay(&kept);
-            let found = self.pass(drive, &motor.grid, variable, &acting, course)?;
-            for (columns, series) in columns.iter_mut().zip(&found) {
-                columns.extend((0..lanes.len()).map(|lane| derivatives(series, lane)));
+            let at = (drive, motor.grid.as_ref());
+            let found = self.sensitive(at, parameters, lanes, &acting, course)?;
+            for (columns, own) in columns.iter_mut().zip(found.columns) {
+                columns.extend(own);
             }
         }
-        let number = |column: &Vec<f64>| column.iter().position(|d| !d.is_finite());
-        match columns.iter().flatten().find_map(number) {
-            Some(output) => Err(SimulationError::NotFinite { output }),
-            None => Ok(Some(columns)),
-        }
+        Ok(Some(columns))
     }
 
     /// Whether the motor depends on a parameter, where the load sees the measured phasor.

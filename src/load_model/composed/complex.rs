@@ -5,29 +5,29 @@
     reason = "compiled as part of the simulation that calls it"
 )]
 
-use crate::numerics::Scalar;
+use crate::numerics::{Arithmetic, Scalar};
 
 /// Sum.
 #[inline(always)]
-pub(in crate::load_model) fn sum<S: Scalar>(x: [S; 2], y: [S; 2]) -> [S; 2] {
+pub(in crate::load_model) fn sum<S: Arithmetic>(x: [S; 2], y: [S; 2]) -> [S; 2] {
     [x[0] + y[0], x[1] + y[1]]
 }
 
 /// Difference.
 #[inline(always)]
-pub(in crate::load_model) fn difference<S: Scalar>(x: [S; 2], y: [S; 2]) -> [S; 2] {
+pub(in crate::load_model) fn difference<S: Arithmetic>(x: [S; 2], y: [S; 2]) -> [S; 2] {
     [x[0] - y[0], x[1] - y[1]]
 }
 
 /// Product.
 #[inline(always)]
-pub(in crate::load_model) fn product<S: Scalar>(x: [S; 2], y: [S; 2]) -> [S; 2] {
+pub(in crate::load_model) fn product<S: Arithmetic>(x: [S; 2], y: [S; 2]) -> [S; 2] {
     [x[0] * y[0] - x[1] * y[1], x[0] * y[1] + x[1] * y[0]]
 }
 
 /// Multiple.
 #[inline(always)]
-pub(in crate::load_model) fn scaled<S: Scalar>(x: [S; 2], by: S) -> [S; 2] {
+pub(in crate::load_model) fn scaled<S: Arithmetic>(x: [S; 2], by: S) -> [S; 2] {
     [x[0] * by, x[1] * by]
 }
 
@@ -39,19 +39,19 @@ pub(in crate::load_model) fn constant<S: Scalar>(x: [f64; 2]) -> [S; 2] {
 
 /// Complex conjugate.
 #[inline(always)]
-pub(in crate::load_model) fn conjugate<S: Scalar>(x: [S; 2]) -> [S; 2] {
+pub(in crate::load_model) fn conjugate<S: Arithmetic>(x: [S; 2]) -> [S; 2] {
     [x[0], -x[1]]
 }
 
 /// Square of the modulus.
 #[inline(always)]
-pub(in crate::load_model) fn square<S: Scalar>(x: [S; 2]) -> S {
+pub(in crate::load_model) fn square<S: Arithmetic>(x: [S; 2]) -> S {
     x[0] * x[0] + x[1] * x[1]
 }
 
 /// `Re(x conj y)`.
 #[inline(always)]
-pub(in crate::load_model) fn dot<S: Scalar>(x: [S; 2], y: [S; 2]) -> S {
+pub(in crate::load_model) fn dot<S: Arithmetic>(x: [S; 2], y: [S; 2]) -> S {
     x[0] * y[0] + x[1] * y[1]
 }
 

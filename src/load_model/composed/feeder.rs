@@ -18,8 +18,8 @@
 
 use super::{complex, motor::Motor};
 use crate::{
-    load_model::effect::{LANES, Sensitivity},
-    numerics::Elementary,
+    load_model::effect::LANES,
+    numerics::{Elementary, Sensitivities},
 };
 
 /// Constants of the feeder.
@@ -63,7 +63,7 @@ const SECANT_STEPS_MAX: usize = 12;
 const CONVERGED: f64 = 1e-13;
 /// Steps as short as this say nothing of the matrix.
 const SECANT_STEP_MIN: f64 = 1e-10;
-/// Derivatives of a [`Sensitivity`] that (3) needs for itself: the last ones.
+/// Derivatives of a [`Sensitivities`] that (3) needs for itself: the last ones.
 pub(super) const PROBES: usize = 2;
 
 /// Scalars in which a fixed point of two numbers can be had with its derivatives.
@@ -84,23 +84,23 @@ impl Implicit for f64 {
     }
 }
 
-impl Implicit for Sensitivity {
+impl<const PAIRS: usize> Implicit for Sensitivities<PAIRS> {
     #[inline]
     fn free([x, y]: [f64; 2]) -> [Self; 2] {
         [
-            Self::variable(x, LANES - PROBES),
-            Self::variable(y, LANES - PROBES + 1),
+            Self::variable(x, Self::COUNT - PROBES),
+            Self::variable(y, Self::COUNT - PROBES + 1),
         ]
     }
 
     fn fixed_point(at: [f64; 2], image: [Self; 2]) -> [Self; 2] {
-        let by = |i: usize, j: usize| image[i].derivative(LANES - PROBES + j);
+        let by = |i: usize, j: usize| image[i].derivative(Self::COUNT - PROBES + j);
         let (a, b) = (1.0 - by(0, 0), -by(0, 1));
         let (c, d) = (-by(1, 0), 1.0 - by(1, 1));
         let scale = 1.0 / (a * d - b * c);
         let of = |part: fn([f64; 4], f64, f64) -> f64| -> [f64; LANES] {
             std::array::from_fn(|lane| {
-                if lane < LANES - PROBES {
+                if lane + PROBES < Self::COUNT {
                     let (x, y) = (image[0].derivative(lane), image[1].derivative(lane));
                     part([a, b, c, d], x, y) * scale
                 } else {

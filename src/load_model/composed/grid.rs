@@ -11,8 +11,8 @@ const ROUGH: (usize, f64) = (1, 1.5);
 const SUBSTEPS_MAX: usize = 256;
 
 /// What the passes over one input share.
-#[derive(Clone, Debug)]
-pub(super) struct Grid {
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid {
     /// Output instants, s.
     pub(super) time_s: Vec<f64>,
     /// Measured phasor at the output instants.
@@ -25,7 +25,9 @@ pub(super) struct Grid {
 }
 
 impl Grid {
-    pub(super) fn new(terminal: &TerminalInput, accuracy: Accuracy) -> Self {
+    /// Of an input, for states integrated to an accuracy.
+    #[must_use]
+    pub fn new(terminal: &TerminalInput, accuracy: Accuracy) -> Self {
         let points = terminal.output_points();
         let fine_s = terminal.sample_interval_s / terminal.points_per_sample as f64;
         let phasor: Vec<[f64; 2]> = points

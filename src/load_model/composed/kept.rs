@@ -1,5 +1,7 @@
 //! What a pass leaves to those after it.
 
+use std::sync::Arc;
+
 use super::{feeder::Solution, motor::MotorState, run::Now};
 use crate::numerics::Scalar;
 
@@ -9,7 +11,7 @@ use crate::numerics::Scalar;
 pub(super) struct Kept {
     /// Whether the states are wanted.
     states: bool,
-    motor: Vec<MotorState<f64>>,
+    motor: Arc<Vec<MotorState<f64>>>,
     /// States of the effects, instant after instant.
     effects: Vec<f64>,
     /// Solutions at the load, in the order in which they are looked for.
@@ -44,7 +46,7 @@ impl Kept {
             return;
         }
         let motor = &now.motor;
-        self.motor.push(MotorState {
+        Arc::make_mut(&mut self.motor).push(MotorState {
             flux: motor.flux.map(S::value),
             second: motor.second.map(S::value),
             speed_rad_s: motor.speed_rad_s.value(),

@@ -20,6 +20,8 @@ mod feeder;
 mod grid;
 mod kept;
 mod motor;
+mod motor_step;
+mod places;
 mod run;
 mod runge_kutta;
 mod series;
@@ -35,17 +37,17 @@ pub use base::{BASE, BASE_PARAMETERS};
 pub use beside::{DerivativeColumns, MotorCourse};
 pub use context::{FrequencyCourse, Instant, Rest, Seen, Series, Step};
 pub use feeder::Feeder;
+pub use grid::Grid;
 pub use motor::{Motor, MotorDescription, MotorState};
 
 use super::{
     Infeasible, LinearCoefficients, MotorCoordinates, Structure, TerminalInput,
-    effect::{Effect, LANES, Parameter, Place, Role, Sensitivity},
+    effect::{Effect, LANES, PairSensitivity, Parameter, Place, Role},
     effects::STATIC_LAG,
 };
-use crate::numerics::Scalar;
+use crate::numerics::{Scalar, Sensitivities};
 use active::{Active, Pass};
 use feeder::PROBES;
-use grid::Grid;
 use kept::Kept;
 use run::{Course, Output};
 
@@ -61,6 +63,8 @@ pub struct Drive<'a> {
     pub reactive_at_rest: f64,
     /// How exactly the states are integrated.
     pub accuracy: Accuracy,
+    /// What all simulations of this input to this accuracy share; made anew where it is not at hand.
+    pub grid: Option<&'a Arc<Grid>>,
 }
 
 impl<'a> Drive<'a> {
@@ -76,7 +80,14 @@ impl<'a> Drive<'a> {
             frequency_deviation,
             reactive_at_rest,
             accuracy: Accuracy::Full,
+            grid: None,
         }
+    }
+
+    /// What simulations share.
+    fn shared(&self) -> Arc<Grid> {
+        let new = || Arc::new(Grid::new(self.terminal, self.accuracy));
+        self.grid.cloned().unwrap_or_else(new)
     }
 }
 
@@ -290,7 +301,7 @@ impl ComposedModel {
         drive: &Drive<'_>,
     ) -> Result<Response, SimulationError> {
         self.check(parameters, wanted, drive)?;
-        let grid = Grid::new(drive.terminal, drive.accuracy);
+        let grid = drive.shared();
         let (present, acting) = (
             self.acting(parameters, &[]),
             self.acting(parameters, wanted),
@@ -308,20 +319,13 @@ impl ComposedModel {
         };
         let mut columns = vec![[Vec::new(), Vec::new()]; wanted.len()];
         let mut sensitive = |lanes: &[usize], course: Course<'_>| {
-            let variable = |i: usize| match lanes.iter().position(|w| wanted[*w] == i) {
-                Some(lane) => Sensitivity::variable(parameters[i], lane),
-                None => Sensitivity::constant(parameters[i]),
-            };
-            let found = self.pass(drive, &grid, variable, &acting, course)?;
-            for (lane, &place) in lanes.iter().enumerate() {
-                columns[place] = [0, 1].map(|c| derivatives(&found[c], lane));
-                for column in &columns[place] {
-                    if let Some(output) = column.iter().position(|d| !d.is_finite()) {
-                        return Err(SimulationError::NotFinite { output });
-                    }
-                }
+            let by: Vec<usize> = lanes.iter().map(|w| wanted[*w]).collect();
+            let found = self.sensitive((drive, &grid), parameters, &by, &acting, course)?;
+            let [active, reactive] = found.columns;
+            for ((&place, p), q) in lanes.iter().zip(active).zip(reactive) {
+                columns[place] = [p, q];
             }
-            Ok(found.map(|series| series.iter().map(|y| y.value).collect::<Vec<f64>>()))
+            Ok::<_, SimulationError>(found.values)
         };
         let mut values = None;
         if present != acting || wanted.is_empty() {
@@ -365,9 +369,7 @@ impl ComposedModel {
         acting: &[usize],
         drive: &Drive<'_>,
     ) -> Lanes {
-        let network = acting
-            .iter()
-            .any(|&e| self.effects[e].0.declaration().acts_on(Place::Feeder));
+        let network = self.is_behind_feeder(acting);
         let (mut beside, inside): (Vec<usize>, Vec<usize>) =
             (0..wanted.len()).partition(|&w| !network && self.is_beside_the_states(wanted[w]));
         let width = if network { LANES - PROBES } else { LANES };
@@ -405,6 +407,11 @@ impl ComposedModel {
             amplitude_wanted || !effect.declaration().is_neutral(&own)
         };
         (0..self.effects.len()).filter(acts).collect()
+    }
+
+    fn is_behind_feeder(&self, acting: &[usize]) -> bool {
+        let mut acting = acting.iter();
+        acting.any(|&e| self.effects[e].0.declaration().acts_on(Place::Feeder))
     }
 
     /// Whether no state depends on a parameter while the load sees the measured phasor.
@@ -448,6 +455,60 @@ impl ComposedModel {
             return Err(SimulationError::FrequencyCount { expected, found });
         }
         Ok(())
+    }
+
+    /// A pass with derivatives by the parameters `by`, at most [`LANES`] of them; a few are carried by
+    /// narrower numbers.
+    fn sensitive(
+        &self,
+        at: (&Drive<'_>, &Grid),
+        parameters: &[f64],
+        by: &[usize],
+        acting: &[usize],
+        course: Course<'_>,
+    ) -> Result<Sensitive, SimulationError> {
+        // Behind a feeder a pass carries derivatives of its own.
+        let alone = !self.is_behind_feeder(acting);
+        if alone && by.len() <= PairSensitivity::COUNT {
+            self.sensitive_in::<1>(at, parameters, by, acting, course)
+        } else {
+            self.sensitive_in::<{ LANES / 2 }>(at, parameters, by, acting, course)
+        }
+    }
+
+    fn sensitive_in<const PAIRS: usize>(
+        &self,
+        (drive, grid): (&Drive<'_>, &Grid),
+        parameters: &[f64],
+        by: &[usize],
+        acting: &[usize],
+        course: Course<'_>,
+    ) -> Result<Sensitive, SimulationError>
+    where
+        Sensitivities<PAIRS>: Pass,
+    {
+        let variable = |i: usize| match by.iter().position(|w| *w == i) {
+            Some(lane) => Sensitivities::<PAIRS>::variable(parameters[i], lane),
+            None => Sensitivities::<PAIRS>::constant(parameters[i]),
+        };
+        let found = self.pass(drive, grid, variable, acting, course)?;
+        let mut columns: DerivativeColumns = [Vec::new(), Vec::new()];
+        for (columns, series) in columns.iter_mut().zip(&found) {
+            columns.resize_with(by.len(), || Vec::with_capacity(series.len()));
+            for y in series {
+                for (column, derivative) in columns.iter_mut().zip(y.derivatives()) {
+                    column.push(derivative);
+                }
+            }
+        }
+        let infinite = |column: &Vec<f64>| column.iter().position(|d| !d.is_finite());
+        if let Some(output) = columns.iter().flatten().find_map(infinite) {
+            return Err(SimulationError::NotFinite { output });
+        }
+        Ok(Sensitive {
+            values: found.map(|series| series.iter().map(|y| y.value).collect()),
+            columns,
+        })
     }
 
     fn pass<S: Pass>(
@@ -499,6 +560,8 @@ struct Lanes {
     motors: usize,
 }
 
-fn derivatives(series: &[Sensitivity], lane: usize) -> Vec<f64> {
-    series.iter().map(|y| y.derivative(lane)).collect()
+/// What a pass with derivatives gives: values, and a series of derivatives per parameter.
+struct Sensitive {
+    values: Output<f64>,
+    columns: DerivativeColumns,
 }

@@ -32,7 +32,10 @@
 
 use std::ops::{Add, Mul};
 
-use super::{complex, runge_kutta::runge_kutta};
+use super::{
+    complex,
+    motor_step::{Constants, Detailed, DetailedMeasured, LISTED, Plain, PlainMeasured, detailed},
+};
 use crate::{
     load_model::{Infeasible, MotorCoordinates, effect::TYPICAL_MOTOR_REACTANCE},
     numerics::{
@@ -158,6 +161,12 @@ struct Detail<S> {
     second_cage: Option<[S; 2]>,
 }
 
+/// A part of a motor that is connected to a share of itself, and has an inertia of its own.
+struct Connected<S> {
+    share: S,
+    inverse_inertia: S,
+}
+
 /// Newton steps for the slip at rest; convergence is quadratic and from below.
 const SLIP_STEPS_MAX: usize = 100;
 /// Steps for the saturated flux at rest, a contraction.
@@ -275,21 +284,37 @@ impl<S: Elementary> Motor<S> {
 
     /// One classical Runge-Kutta step over the phasors at its start, middle and end.
     #[must_use]
-    pub fn step<V: Copy>(
+    pub fn step(&self, state: &MotorState<S>, u: [[S; 2]; 3], duration_s: f64) -> MotorState<S> {
+        if self.plain {
+            let [a, b, s, alpha, nu, b0] = self.plain_list(state);
+            let [[u0, u1], [u2, u3], [u4, u5]] = &u;
+            let list = [a, b, s, alpha, nu, b0, u0, u1, u2, u3, u4, u5];
+            let next = S::through(&Plain { duration_s }, list);
+            return self.after(next, state.second);
+        }
+        self.detailed_step(state, &u, None, duration_s)
+    }
+
+    /// [`Self::step`] over phasors that are measured.
+    #[must_use]
+    pub fn measured_step(
         &self,
         state: &MotorState<S>,
-        u: [[V; 2]; 3],
+        u: [[f64; 2]; 3],
         duration_s: f64,
-    ) -> MotorState<S>
-    where
-        S: Mul<V, Output = S> + Add<V, Output = S>,
-    {
-        let next = if self.plain {
-            self.plain_step(state, u, duration_s)
-        } else {
-            self.detailed_step(state, u, None, duration_s)
-        };
-        self.not_backwards(next)
+    ) -> MotorState<S> {
+        if self.plain {
+            let next = S::through(&PlainMeasured { u, duration_s }, self.plain_list(state));
+            return self.after(next, state.second);
+        }
+        if self.is_beyond_formulas() {
+            return self.special_step(state, u, None, duration_s);
+        }
+        let nothing = S::constant(0.0);
+        let (list, has) = self.list(state, None, &nothing);
+        let kernel = DetailedMeasured { u, duration_s, has };
+        let [a, b, s, c, d] = S::through(&kernel, list);
+        self.after([a, b, s], [c, d])
     }
 
     /// A step of a motor connected to the share `connected` of itself (0: open stator, the rotor
@@ -303,151 +328,125 @@ impl<S: Elementary> Motor<S> {
         inertia: S,
         duration_s: f64,
     ) -> MotorState<S> {
-        let mut own = *self;
-        own.detail.inverse_inertia = own.detail.inverse_inertia / inertia;
-        self.not_backwards(own.detailed_step(state, u, Some(connected), duration_s))
+        let inverse_inertia = self.detail.inverse_inertia / inertia;
+        let part = Connected {
+            share: connected,
+            inverse_inertia,
+        };
+        self.detailed_step(state, &u, Some(&part), duration_s)
     }
 
-    /// The rotor stands still at most: a stalled motor does not turn backwards.
+    /// The state after a step. The rotor stands still at most: a stalled motor does not turn backwards.
     #[inline(always)]
-    fn not_backwards(&self, mut state: MotorState<S>) -> MotorState<S> {
-        state.speed_rad_s = at_least(state.speed_rad_s, -self.synchronous_speed_rad_s);
-        state
+    fn after(&self, [a, b, speed_rad_s]: [S; 3], second: [S; 2]) -> MotorState<S> {
+        MotorState {
+            flux: [a, b],
+            second,
+            speed_rad_s: at_least(speed_rad_s, -self.synchronous_speed_rad_s),
+        }
     }
 
+    /// States and constants of the plain motor.
     #[inline(always)]
-    fn plain_step<V: Copy>(
+    fn plain_list<'s>(&'s self, state: &'s MotorState<S>) -> [&'s S; 6] {
+        let [a, b] = &state.flux;
+        let b0 = &self.rest.flux[1];
+        [a, b, &state.speed_rad_s, &self.alpha, &self.nu, b0]
+    }
+
+    fn detailed_step(
+        &self,
+        state: &MotorState<S>,
+        u: &[[S; 2]; 3],
+        part: Option<&Connected<S>>,
+        duration_s: f64,
+    ) -> MotorState<S> {
+        if self.is_beyond_formulas() {
+            return self.special_step(state, *u, part, duration_s);
+        }
+        let nothing = S::constant(0.0);
+        let (first, has) = self.list(state, part, &nothing);
+        let mut list = [&nothing; LISTED + 6];
+        list[..LISTED].copy_from_slice(&first);
+        for (place, u) in list[LISTED..].iter_mut().zip(u.iter().flatten()) {
+            *place = u;
+        }
+        let [a, b, s, c, d] = S::through(&Detailed { duration_s, has }, list);
+        self.after([a, b, s], [c, d])
+    }
+
+    /// What a formula of a step wants, `nothing` where a constant is missing; and whether there are a second cage
+    /// and a connected share.
+    #[inline(always)]
+    fn list<'s>(
+        &'s self,
+        state: &'s MotorState<S>,
+        part: Option<&'s Connected<S>>,
+        nothing: &'s S,
+    ) -> ([&'s S; LISTED], [bool; 2]) {
+        let d = &self.detail;
+        let ([a, b], [c, e]) = (&state.flux, &state.second);
+        let [re, im] = &self.admittance;
+        let cage = d.second_cage.as_ref();
+        let [difference, inverse_time] = cage.map_or([nothing; 2], |cage| cage.each_ref());
+        let (inverse_inertia, share) = part.map_or((&d.inverse_inertia, nothing), |part| {
+            (&part.inverse_inertia, &part.share)
+        });
+        let list = [
+            a,
+            b,
+            &state.speed_rad_s,
+            c,
+            e,
+            &d.difference,
+            &d.decay_per_s,
+            inverse_inertia,
+            &d.rest_torque,
+            re,
+            im,
+            difference,
+            inverse_time,
+            share,
+        ];
+        (list, [cage.is_some(), part.is_some()])
+    }
+
+    /// Whether a step needs more than the four operations.
+    fn is_beyond_formulas(&self) -> bool {
+        self.detail.saturation.is_some() || self.detail.torque_exponent.is_some()
+    }
+
+    /// A step with saturation, or with a torque that depends on the speed.
+    fn special_step<V: Copy>(
         &self,
         state: &MotorState<S>,
         u: [[V; 2]; 3],
+        part: Option<&Connected<S>>,
         duration_s: f64,
     ) -> MotorState<S>
-    where
-        S: Mul<V, Output = S> + Add<V, Output = S>,
-    {
-        let b0 = self.rest.flux[1];
-        let start = [state.flux[0], state.flux[1], state.speed_rad_s];
-        let [a, b, s] = runge_kutta(
-            #[inline(always)]
-            |[a, b, s]: [S; 3], [re, im]: [V; 2]| {
-                let torque = b * re - a * im;
-                [
-                    self.alpha * (-a + re) - s * b,
-                    self.alpha * (-b + im) + s * a,
-                    self.nu * (b0 - torque),
-                ]
-            },
-            start,
-            u,
-            duration_s,
-        );
-        MotorState {
-            flux: [a, b],
-            second: state.second,
-            speed_rad_s: s,
-        }
-    }
-
-    #[inline(always)]
-    fn detailed_step<V: Copy>(
-        &self,
-        state: &MotorState<S>,
-        u: [[V; 2]; 3],
-        connected: Option<S>,
-        duration_s: f64,
-    ) -> MotorState<S>
-    where
-        S: Mul<V, Output = S> + Add<V, Output = S>,
-    {
-        let [a, b] = state.flux;
-        let s = state.speed_rad_s;
-        if self.detail.second_cage.is_some() {
-            let start = [a, b, s, state.second[0], state.second[1]];
-            let [a, b, s, c, d] = runge_kutta(
-                #[inline(always)]
-                |[a, b, s, c, d]: [S; 5], u: [V; 2]| {
-                    let state = MotorState {
-                        flux: [a, b],
-                        second: [c, d],
-                        speed_rad_s: s,
-                    };
-                    let ([da, db], [dc, dd], ds) = self.slopes(&state, u, connected);
-                    [da, db, ds, dc, dd]
-                },
-                start,
-                u,
-                duration_s,
-            );
-            return MotorState {
-                flux: [a, b],
-                second: [c, d],
-                speed_rad_s: s,
-            };
-        }
-        let [a, b, s] = runge_kutta(
-            #[inline(always)]
-            |[a, b, s]: [S; 3], u: [V; 2]| {
-                let state = MotorState {
-                    flux: [a, b],
-                    second: state.second,
-                    speed_rad_s: s,
-                };
-                let ([da, db], _, ds) = self.slopes(&state, u, connected);
-                [da, db, ds]
-            },
-            [a, b, s],
-            u,
-            duration_s,
-        );
-        MotorState {
-            flux: [a, b],
-            second: state.second,
-            speed_rad_s: s,
-        }
-    }
-
-    /// Equations (1) to (5): slopes of `e'`, `e''` and `s`.
-    #[inline(always)]
-    fn slopes<V: Copy>(
-        &self,
-        state: &MotorState<S>,
-        u: [V; 2],
-        connected: Option<S>,
-    ) -> ([S; 2], [S; 2], S)
     where
         S: Mul<V, Output = S> + Add<V, Output = S>,
     {
         let d = &self.detail;
-        let mut current = self.current(state, u);
-        if let Some(share) = connected {
-            current = [current[0] * share, current[1] * share];
-        }
-        let [e_re, e_im] = state.flux;
-        let s = state.speed_rad_s;
-        let mut held = state.flux;
-        if let Some(curve) = d.saturation {
-            let factor = saturation_factor(curve, state.flux);
-            held = [held[0] * factor, held[1] * factor];
-        }
-        let flux = [
-            -(s * e_im) - (held[0] + d.difference * current[1]) * d.decay_per_s,
-            s * e_re - (held[1] - d.difference * current[0]) * d.decay_per_s,
-        ]; // (2)
-        let (behind, second) = match d.second_cage {
-            None => (state.flux, [S::constant(0.0); 2]),
-            Some([difference, inverse_time]) => {
-                let [c_re, c_im] = state.second;
-                let apart = [c_re - e_re, c_im - e_im];
-                let second = [
-                    -(s * apart[1]) + flux[0] - (apart[0] + difference * current[1]) * inverse_time,
-                    s * apart[0] + flux[1] - (apart[1] - difference * current[0]) * inverse_time,
-                ]; // (5)
-                (state.second, second)
-            }
+        let constants = Constants {
+            difference: d.difference,
+            decay_per_s: d.decay_per_s,
+            inverse_inertia: part.map_or(d.inverse_inertia, |part| part.inverse_inertia),
+            admittance: self.admittance,
+            second_cage: d.second_cage,
+            connected: part.map(|part| part.share),
         };
-        let torque = complex::dot(behind, current); // (3)
-        let speed = d.inverse_inertia * (torque - self.load_torque(s)); // (4)
-        (flux, second, speed)
+        let held = |e: [S; 2]| {
+            d.saturation.map_or(e, |curve| {
+                let factor = saturation_factor(curve, e);
+                [e[0] * factor, e[1] * factor]
+            })
+        };
+        let load = |speed: S| self.load_torque(speed);
+        let ([a, b], [c, e]) = (state.flux, state.second);
+        let start = [a, b, state.speed_rad_s, c, e];
+        let [a, b, s, c, e] = detailed(&constants, start, u, duration_s, held, load);
+        self.after([a, b, s], [c, e])
     }
 
     #[inline(always)]

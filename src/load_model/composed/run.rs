@@ -9,12 +9,10 @@ use super::{
     grid::Grid,
     kept::Kept,
     motor::{Motor, MotorState},
+    places::{Acting, Places, product},
     series::{View, frequency_series, measure, seen},
 };
-use crate::load_model::{
-    LinearCoefficients, MotorCoordinates,
-    effect::{Equations, Place},
-};
+use crate::load_model::{LinearCoefficients, MotorCoordinates, effect::Place};
 
 /// How a pass comes to its states.
 pub(super) enum Course<'k> {
@@ -24,53 +22,20 @@ pub(super) enum Course<'k> {
     /// The motor as it was in a pass before, the effects by integration: for derivatives by what does not
     /// act on the motor, where the load sees the measured phasor.
     BesideMotor(&'k mut Kept),
+    /// The same for the states of the effects alone, no power asked for: they are kept.
+    EffectsAlone(&'k mut Kept),
     /// As they were in a pass before: for derivatives by what does not act on them.
     Replay(&'k Kept),
 }
 
-/// An effect with the operating point that it sees.
-struct Acting<'r, 'a, S> {
-    effect: &'r Active<'a, S>,
-    rest: Rest<S>,
-}
-
-impl<S: Pass> Acting<'_, '_, S> {
-    fn own<'s>(&self, states: &'s [S]) -> &'s [S] {
-        let end = self.effect.end();
-        states.get(self.effect.first_state..end).unwrap_or(&[])
-    }
-
-    fn acts_on(&self, place: Place) -> bool {
-        self.effect.declaration.acts_on(place)
-    }
-
-    fn parameters(&self) -> &[S] {
-        &self.effect.parameters
-    }
-
-    fn equations(&self) -> &dyn Equations<S> {
-        self.effect.equations
-    }
-}
-
-/// The effects of a pass by the place where they act.
-struct Places<'r, 'a, S> {
-    gain: Vec<&'r Acting<'r, 'a, S>>,
-    taps: Vec<&'r Acting<'r, 'a, S>>,
-    power: Vec<&'r Acting<'r, 'a, S>>,
-    states: Vec<&'r Acting<'r, 'a, S>>,
-}
-
-/// What some effects make of the phasor together.
-fn product<S: Pass>(effects: &[&Acting<'_, '_, S>], now: &Now<S>, at: Moment<S>) -> [S; 2] {
-    let none = [S::constant(1.0), S::constant(0.0)];
-    effects.iter().fold(none, |product, e| {
-        let own = e.own(&now.effects);
-        let gain = e
-            .equations()
-            .gain(e.parameters(), own, at.deviation, &e.rest);
-        complex::product(product, gain)
-    })
+/// What of a model an integration goes through.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    All,
+    /// All but the motor, whose states at the output instants are kept.
+    Beside,
+    /// The states of the effects, without the power.
+    Effects,
 }
 
 /// All that stays the same during a pass.
@@ -185,9 +150,16 @@ pub(super) fn run<S: Pass>(
     let mut output = match course {
         Course::Integrate(kept) => {
             simulation.known = std::mem::take(&mut kept.solutions);
-            simulation.integrate(grid, start, kept, false)?
+            simulation.integrate(grid, start, kept, Part::All)?
         }
-        Course::BesideMotor(kept) => simulation.integrate(grid, start, kept, true)?,
+        Course::BesideMotor(kept) => simulation.integrate(grid, start, kept, Part::Beside)?,
+        Course::EffectsAlone(kept) => {
+            if simulation.places.states.is_empty() {
+                kept.close();
+                return Ok([Vec::new(), Vec::new()]);
+            }
+            return simulation.integrate(grid, start, kept, Part::Effects);
+        }
         Course::Replay(kept) => simulation.replay(grid, start, kept)?,
     };
     measure(drive, grid, effects, &mut output);
@@ -262,29 +234,40 @@ fn constants<S: Pass>(u: [[f64; 2]; 3]) -> [[S; 2]; 3] {
 }
 
 impl<S: Pass> Simulation<'_, '_, S> {
-    /// By fixed steps; `beside_motor`, where its states at the output instants are kept, without the
-    /// motor's.
+    /// By fixed steps.
     fn integrate(
         &self,
         grid: &Grid,
         mut now: Now<S>,
         kept: &mut Kept,
-        beside_motor: bool,
+        part: Part,
     ) -> Result<Output<S>, SimulationError> {
-        let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(grid.time_s.len()));
+        let instants = if part == Part::Effects {
+            0
+        } else {
+            grid.time_s.len()
+        };
+        let mut output: Output<S> = [0, 1].map(|_| Vec::with_capacity(instants));
         let mut trial = now.clone();
         let terminal = self.drive.terminal;
-        let mut emit = |now: &mut Now<S>, output: &mut Output<S>| {
-            if beside_motor {
-                kept.restore_motor(output[0].len(), now);
-                kept.keep_effects(now);
-            } else {
+        // Output instants so far.
+        let mut passed = 0;
+        let mut emit = |now: &mut Now<S>, output: &mut Output<S>, passed: &mut usize| {
+            let index = *passed;
+            *passed += 1;
+            if part == Part::All {
                 kept.keep(now);
+            } else {
+                kept.restore_motor(index, now);
+                kept.keep_effects(now);
+            }
+            if part == Part::Effects {
+                return Ok(());
             }
             self.emit(grid, now, output)
         };
         for sample in 0..terminal.sample_count() {
-            emit(&mut now, &mut output)?;
+            emit(&mut now, &mut output, &mut passed)?;
             if sample + 1 == terminal.sample_count() {
                 break;
             }
@@ -292,7 +275,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             let duration_s = terminal.sample_interval_s / substeps as f64;
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
-                let index = output[0].len() - 1;
+                let index = passed - 1;
                 if self.coupled || self.seen.is_some() {
                     // Substeps since the last output and per output interval.
                     let each = substeps / outputs;
@@ -302,12 +285,12 @@ impl<S: Pass> Simulation<'_, '_, S> {
                     self.advance_coupled([&mut now, &mut trial], u, duration_s, [from, to])?;
                 } else {
                     self.advance_effects_bare(&mut now, u, duration_s, index);
-                    if !beside_motor {
-                        now.motor = self.rest.motor.step(&now.motor, u, duration_s);
+                    if part == Part::All {
+                        now.motor = self.rest.motor.measured_step(&now.motor, u, duration_s);
                     }
                 }
                 if j + 1 < substeps && ((j + 1) * outputs).is_multiple_of(substeps) {
-                    emit(&mut now, &mut output)?;
+                    emit(&mut now, &mut output, &mut passed)?;
                 }
             }
         }
@@ -481,8 +464,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
         if complex::modulus(u).value() < MODULUS_MIN {
             return Ok(now.ratio);
         }
-        let sent = complex::product(u, product(&self.places.gain, now, at));
-        let taps = product(&self.places.taps, now, at);
+        let sent = complex::product(u, product(&self.places.gain, now, at.deviation));
+        let taps = product(&self.places.taps, now, at.deviation);
         // Behind the feeder an ideal transformer: its power is the load's.
         let load = |behind: [S; 2]| self.load_power(now, complex::product(behind, taps), at);
         let (solution, behind) = if let Some(known) = self.known.get(now.solutions.len()) {
@@ -501,7 +484,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
 
     /// All factors on the phasor.
     fn gains(&self, now: &Now<S>, at: Moment<S>) -> [S; 2] {
-        let [gain, taps] = [&self.places.gain, &self.places.taps].map(|of| product(of, now, at));
+        let [gain, taps] =
+            [&self.places.gain, &self.places.taps].map(|of| product(of, now, at.deviation));
         complex::product(gain, taps)
     }
 
@@ -519,8 +503,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
             let own = complex::product(u, now.ratio);
             let load = self.load_power(now, own, at);
             self.network.as_ref().map_or(load, |network| {
-                let sent = complex::product(u, product(&self.places.gain, now, at));
-                let taps = product(&self.places.taps, now, at);
+                let sent = complex::product(u, product(&self.places.gain, now, at.deviation));
+                let taps = product(&self.places.taps, now, at.deviation);
                 network.power(sent, complex::quotient(own, taps), load)
             })
         } else {

@@ -5,11 +5,11 @@
     reason = "the slopes are a few operations; a call would cost more than they do"
 )]
 
-use crate::numerics::Scalar;
+use crate::numerics::Arithmetic;
 
 /// The state after a step of `h` seconds over the phasors at its start, middle and end.
 #[inline(always)]
-pub(super) fn runge_kutta<S: Scalar, V: Copy, const N: usize>(
+pub(super) fn runge_kutta<S: Arithmetic, V: Copy, const N: usize>(
     slopes: impl Fn([S; N], [V; 2]) -> [S; N],
     x: [S; N],
     u: [[V; 2]; 3],
@@ -27,7 +27,7 @@ pub(super) fn runge_kutta<S: Scalar, V: Copy, const N: usize>(
 }
 
 #[inline(always)]
-fn ahead<S: Scalar, const N: usize>(x: &[S; N], k: &[S; N], by: f64) -> [S; N] {
+fn ahead<S: Arithmetic, const N: usize>(x: &[S; N], k: &[S; N], by: f64) -> [S; N] {
     let mut moved = *x;
     for i in 0..N {
         moved[i] = x[i] + k[i] * by;

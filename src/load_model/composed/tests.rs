@@ -325,3 +325,39 @@ fn a_relay_knows_the_voltage_and_not_its_share_of_that_before_the_event() {
     assert!((own[conductance] - 3.971).abs() < 1e-9);
     assert!((slopes[stall] - 1.0 / 0.95).abs() < 1e-12);
 }
+
+#[test]
+fn derivatives_are_the_same_asked_for_alone_and_together() {
+    // Alone they are carried by narrower numbers.
+    let input = contract::a_dip(0.6, 0.1);
+    let deviation = vec![-2e-3; input.output_count()];
+    let drive = Drive::new(&input, &deviation, 0.3);
+    for effect in crate::load_model::effects::catalogue() {
+        let name = effect.declaration().name;
+        let model = ComposedModel::new(&Structure::zip_im().with(name).unwrap());
+        let typical = model.typical();
+        let all: Vec<usize> = (0..typical.len()).collect();
+        let together = model.simulate(&typical, &all, &drive).unwrap();
+        for &index in &all {
+            let alone = model.simulate(&typical, &[index], &drive).unwrap();
+            let pairs = [
+                (
+                    &alone.active_derivatives[0],
+                    &together.active_derivatives[index],
+                ),
+                (
+                    &alone.reactive_derivatives[0],
+                    &together.reactive_derivatives[index],
+                ),
+            ];
+            for (alone, together) in pairs {
+                let scale = together.iter().fold(1.0_f64, |most, d| most.max(d.abs()));
+                let apart = largest_difference(alone, together);
+                assert!(
+                    apart < 1e-9 * scale,
+                    "{name}, {index}: {apart:e} of {scale:e}"
+                );
+            }
+        }
+    }
+}
