@@ -69,6 +69,27 @@ const TRIP: &[(&str, f64)] = &[
     ("opening_spread_s", 0.5),
 ];
 
+/// The middle of the voltages between which generation ceases, which the simulator's does at one.
+const MIDDLE_OF_CUT: &[(&str, f64)] = &[("voltage", 1.0), ("span", -0.5)];
+
+/// Generation that the dip changes: what stays on is netted out of the load.
+fn stopping(hidden: &HiddenEffect) -> Option<f64> {
+    let share = own("share", hidden)?;
+    Some(match hidden.choice("behaviour") {
+        "trip" => share * own("tripping", hidden)?,
+        _ => share,
+    })
+}
+
+/// The voltage of generation that is switched off; what rides through has one that does nothing.
+fn switched_off_below(hidden: &HiddenEffect) -> Option<f64> {
+    (hidden.choice("behaviour") == "trip").then(|| own("threshold_pu", hidden))?
+}
+
+fn ceasing_below(hidden: &HiddenEffect) -> Option<f64> {
+    (hidden.choice("behaviour") == "momentary_cessation").then(|| own("threshold_pu", hidden))?
+}
+
 /// Effects, and what of them can be compared.
 const COMPARED: &[(Effect, &[Pair])] = &[
     (
@@ -98,8 +119,9 @@ const COMPARED: &[(Effect, &[Pair])] = &[
     (
         Effect::DistributedGeneration,
         &[
-            ("share", &[], |_, h| own("share", h)),
-            ("voltage", &[], |_, h| own("threshold_pu", h)),
+            ("share", &[], |_, h| stopping(h)),
+            ("voltage", &[], |_, h| switched_off_below(h)),
+            ("middle_of_cut", MIDDLE_OF_CUT, |_, h| ceasing_below(h)),
         ],
     ),
     (
@@ -249,6 +271,10 @@ fn weighted_sum(fitted: &ComposedFit, parts: &[(String, f64)]) -> Option<(f64, f
         // What the model's form leaves open is its own, whatever the data say.
         let declared = &fitted.model.parameters()[index].declaration;
         variance += (weight * declared.resolution).powi(2);
+        // A step may lie anywhere in the model's span, uniformly.
+        if name.ends_with(".span") {
+            variance += fitted.parameters[index].powi(2) / 12.0;
+        }
     }
     let terms = (places.iter())
         .flat_map(|(i, a)| (places.iter()).map(move |(j, b)| a * b * covariance[(*i, *j)]));

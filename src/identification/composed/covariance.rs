@@ -73,6 +73,13 @@ impl EventCovariance {
         whitened.norm_squared() - cross.dot(&self.factor.solve(&cross))
     }
 
+    /// `Sigma^-1 r`.
+    pub(super) fn solved(&self, residual: &DVector<f64>) -> DVector<f64> {
+        let whitened = residual.component_mul(&self.root_weights);
+        let amounts = self.factor.solve(&self.basis.tr_mul(&whitened));
+        (whitened - &self.basis * amounts).component_mul(&self.root_weights)
+    }
+
     /// The part of a residual that what varies from event to event most probably is:
     /// `B (I + B' W B)^-1 B' W r`, its conditional mean.
     pub(super) fn varying(&self, residual: &DVector<f64>) -> DVector<f64> {
@@ -134,6 +141,8 @@ mod tests {
         assert!((product - expected.rows(0, 1)).amax() < 1e-12);
         let residual: DVector<f64> = rows.column(1).into_owned();
         assert!((covariance.square(&residual) - expected[(1, 1)]).abs() < 1e-12);
+        let weighted = covariance.solved(&residual);
+        assert!((weighted - &inverse * &residual).amax() < 1e-12);
         let noise = DVector::from_vec(deviations.map(|d| d * d).to_vec());
         let varying = &residual - noise.component_mul(&(&inverse * &residual));
         assert!((covariance.varying(&residual) - varying).amax() < 1e-12);

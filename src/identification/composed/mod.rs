@@ -14,6 +14,7 @@ mod model;
 mod narrowed;
 mod operating_point;
 mod problem;
+mod quoted;
 mod relay_walk;
 mod rows;
 mod screening;

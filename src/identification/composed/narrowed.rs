@@ -9,6 +9,7 @@ use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions, Place, fit_rows},
+    quoted::{self, Quoted},
     rows::EventRows,
 };
 use crate::{identification::intake::PreparedEvent, load_model::effect::Role};
@@ -26,7 +27,9 @@ const TOLD_SHARE_OF_LEFT: f64 = 0.03;
 /// events, or where no fit of narrower spread is found.
 ///
 /// Its covariance stays that of `fit`: few events that happen to agree do not show how much the composition
-/// varies, and errors stated as if it did not vary are too small (decision 0048).
+/// varies, and errors stated as if it did not vary are too small (decision 0048), corrected where its curvature is a
+/// poor guide to errors (decision 0059). A threshold that lies between two dips stays in their
+/// middle, where `fit` has it: nothing else draws it anywhere.
 #[must_use]
 pub fn narrowed(
     events: &[PreparedEvent],
@@ -39,7 +42,9 @@ pub fn narrowed(
     }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
     // A relay's settings have corners at which a step along all parameters at once goes nowhere.
-    let smooth = without_shapes(fit);
+    let quoted = quoted::quoted(&rows, fit, options, cancel);
+    let begun = held_between_dips(fit, quoted.as_ref());
+    let smooth = without_shapes(&begun);
     let again = |from: &ComposedFit, shares: [f64; 2]| {
         let options = ComposedFitOptions {
             scatter: options.scatter.times(shares),
@@ -55,7 +60,7 @@ pub fn narrowed(
         of(&eased.parameters, &from.free)
     };
     let moved = || {
-        let narrowest = again(fit, [SHARES[0]; 2])?;
+        let narrowest = again(&begun, [SHARES[0]; 2])?;
         let shares = sufficient_shares(&rows, &narrowest, options, cancel)?;
         if shares == [SHARES[0]; 2] {
             Some(narrowest)
@@ -64,10 +69,22 @@ pub fn narrowed(
         }
     };
     let mut moved = moved().unwrap_or_else(|| fit.clone());
+    moved.free.clone_from(&fit.free);
     if fit.covariance.is_some() {
-        moved.covariance.clone_from(&fit.covariance);
+        let covariance = quoted.map(|quoted| quoted.covariance);
+        moved.covariance = covariance.or_else(|| fit.covariance.clone());
     }
     moved
+}
+
+/// `fit` with its thresholds between two dips not free.
+fn held_between_dips(fit: &ComposedFit, quoted: Option<&Quoted>) -> ComposedFit {
+    let mut held = fit.clone();
+    let places = quoted.map_or(&[][..], |quoted| &quoted.between_dips);
+    for place in places.iter().rev() {
+        held.free.remove(*place);
+    }
+    held
 }
 
 /// What is free in a fit but for the shapes of effects.

@@ -123,7 +123,7 @@ pub fn is_bracketed(parameter: &ModelParameter) -> bool {
 }
 
 /// Whether a parameter is a voltage or a delay of an effect that has a threshold, or that goes in steps.
-fn is_setting(parameter: &ModelParameter) -> bool {
+pub(super) fn is_setting(parameter: &ModelParameter) -> bool {
     let declared = &parameter.declaration;
     let relay = parameter.effect.and_then(effects::find);
     declared.role == Role::Shape

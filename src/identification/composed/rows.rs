@@ -103,6 +103,19 @@ impl<'a> EventRows<'a> {
         self.measured.len()
     }
 
+    /// The piece of time, of length `piece_s`, to which each row belongs.
+    pub(super) fn pieces(&self, piece_s: f64) -> Vec<usize> {
+        let samples = piece_s * self.event.rate_fps;
+        #[allow(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at most the number of samples"
+        )]
+        let piece = |k: &usize| (*k as f64 / samples) as usize;
+        let once: Vec<usize> = self.used.iter().map(piece).collect();
+        once.repeat(2)
+    }
+
     fn simulate(
         &self,
         model: &ComposedModel,

@@ -181,8 +181,65 @@ fn events_that_agree_do_not_make_stated_errors_smaller() {
     let narrow = narrowed(&events, &wide, &options, &|| false);
     // The spread is narrower: the likelihood is another one.
     assert!(narrow.minus_twice_log_likelihood < wide.minus_twice_log_likelihood - 1.0);
-    assert!(wide.covariance.is_some());
-    assert_eq!(narrow.covariance, wide.covariance);
+    let (narrow, wide) = (narrow.covariance.unwrap(), wide.covariance.unwrap());
+    for place in 0..FREE.len() {
+        let ratio = narrow[(place, place)] / wide[(place, place)];
+        assert!(ratio > 1.0 - 1e-9, "{place}: {ratio}");
+    }
+}
+
+#[test]
+fn residuals_that_last_make_stated_errors_larger() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let white = drawn_by(&model, &model.typical(), &events());
+    let mut lasting = white.clone();
+    for event in &mut lasting {
+        for (k, active) in event.active.iter_mut().enumerate() {
+            *active += 8e-4 * (0.05 * k as f64).sin();
+        }
+    }
+    let options = ComposedFitOptions::default();
+    let largest = |events: &[PreparedEvent]| {
+        let start = model.typical();
+        let wide = fit(events, &model, &start, &FREE, &options, &|| false).unwrap();
+        let stated = narrowed(events, &wide, &options, &|| false);
+        let (stated, plain) = (stated.covariance.unwrap(), wide.covariance.unwrap());
+        let ratio = |i: usize| (stated[(i, i)] / plain[(i, i)]).sqrt();
+        (0..FREE.len()).map(ratio).fold(0.0, f64::max)
+    };
+    let (white, lasting) = (largest(&white), largest(&lasting));
+    assert!(white < 1.1, "{white}");
+    assert!(lasting > 1.3, "{lasting}");
+}
+
+#[test]
+fn a_threshold_between_two_dips_stays_in_their_middle() {
+    const EFFECT: &str = "self_disconnection";
+    let truth = ComposedModel::new(&Structure::zip_im().with(EFFECT).unwrap());
+    let voltage = truth.index(&format!("{EFFECT}.voltage")).unwrap();
+    let dips = [0.85, 0.6, 0.75].map(|depth| {
+        let mut dip = window("dip", depth, 0.2);
+        for (k, sample) in dip.record.samples.iter_mut().enumerate() {
+            let inside = (61..73).contains(&k);
+            sample.voltage_pu = if inside { depth } else { 1.0 };
+            sample.angle_rad = if inside { -0.1 } else { 0.0 };
+        }
+        prepare(&dip, &IntakeOptions::default()).unwrap()
+    });
+    let mut parameters = truth.typical();
+    // Far from the middle, which is at 0.675.
+    parameters[voltage] = 0.73;
+    let events = drawn_by(&truth, &parameters, &dips);
+    let free: Vec<usize> = (0..truth.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
+    let wide = refine(&events, begun, EFFECT, &options, &|| false);
+    let narrow = narrowed(&events, &wide, &options, &|| false);
+    let found = narrow.parameters[voltage];
+    assert!((found - 0.675).abs() < 0.02, "{found}");
+    // A uniform distribution over 0.15 less the spread of the relays.
+    let error = narrow.standard_error(voltage).unwrap();
+    assert!((0.03..0.06).contains(&error), "{error}");
 }
 
 #[test]

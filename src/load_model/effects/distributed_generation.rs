@@ -66,7 +66,8 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "G", "1"], [0.2, 1.0, 0.02]),
         Parameter::shape(["voltage", "V_mc", "pu"], [0.4, 0.75, 0.94], 0.12)
-            .with_reference(Reference::Voltage),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
         Parameter::shape(["span", "s", "pu"], [0.02, 0.05, 0.4], 0.1)
             .with_reference(Reference::Voltage),
         Parameter::positive_shape(["delay_s", "T_mc", "s"], [0.003, 0.02, 0.5], 0.8),

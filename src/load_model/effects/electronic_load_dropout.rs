@@ -49,7 +49,8 @@ const DECLARATION: Declaration = Declaration {
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.2, 0.7, 0.02]),
         Parameter::shape(["first_voltage", "V_d1", "pu"], [0.5, 0.8, 0.95], 0.1)
-            .with_reference(Reference::Voltage),
+            .with_reference(Reference::Voltage)
+            .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
         Parameter::shape(["span", "s", "pu"], [0.02, 0.2, 0.4], 0.1)
             .with_reference(Reference::Voltage),
         Parameter::shape(["returning_share", "r", "1"], [0.0, 0.5, 1.0], 0.5),

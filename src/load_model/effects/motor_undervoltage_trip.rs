@@ -59,7 +59,7 @@ const DECLARATION: Declaration = Declaration {
             .with_reference(Reference::Voltage)
             .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
         Parameter::positive_shape(["trip_time_s", "T_tr", "s"], [0.003, 0.02, 0.5], 0.8)
-            .with_resolution(relay::TIME_RESOLUTION_S),
+            .with_resolution(relay::MOTOR_TIME_RESOLUTION_S),
         Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.03, 0.3], 1.0),
         Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
         Parameter::shape(["capacitors", "b", "1"], [0.0, 0.3, 1.5], 0.4),

@@ -29,15 +29,19 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TimeSkew;
 
+/// Instants of jumps are known to a hundredth of a nominal cycle: the shape of the instrument's filter is known no
+/// better, at one event as at all others.
+const RESOLUTION_S: f64 = 0.0002;
+
 const DECLARATION: Declaration = Declaration {
     name: "time_skew",
     title: "Time skew between voltage and power",
     kind: Kind::Instrument,
     version: 1,
-    parameters: &[Parameter::two_sided(
-        ["delay_s", "tau", "s"],
-        [-0.08, 0.012, 0.08, 0.005],
-    )],
+    parameters: &[
+        Parameter::two_sided(["delay_s", "tau", "s"], [-0.08, 0.012, 0.08, 0.005])
+            .with_resolution(RESOLUTION_S),
+    ],
     states: &[],
     acts_on: &[Place::Measurement],
     excludes: &[],
