@@ -52,7 +52,7 @@ pub(super) struct Added {
 /// The least-squares problem of added columns when everything in the base follows.
 pub(super) struct Projected {
     /// Information on the added columns and, last, the residual.
-    pub(super) projected: DMatrix<f64>,
+    pub(super) information: DMatrix<f64>,
     /// The diagonal of that where nothing follows.
     pub(super) own: DVector<f64>,
     /// Products of the base's columns with the added ones and, last, the residual.
@@ -141,7 +141,7 @@ impl Base {
             .copy_from(&added.with_base.rows(0, before));
         cross.set_column(count, &self.pull);
         Some(Projected {
-            projected: &own - cross.tr_mul(&factor.solve(&cross)),
+            information: &own - cross.tr_mul(&factor.solve(&cross)),
             own: own.diagonal(),
             cross,
             factor,

@@ -330,12 +330,11 @@ impl<'a> EventRows<'a> {
         let mut filtered = chain.filtered().iter().peekable();
         for ((&k, p), q) in self.used.iter().zip(p).zip(q) {
             while filtered.next_if(|f| f.sample < k).is_some() {}
-            [*p, *q] = match filtered.next_if(|f| f.sample == k) {
-                Some(filtered) => filtered.measured(active, reactive),
-                None => {
-                    let at = chain.instant(k);
-                    [active[at], reactive[at]]
-                }
+            [*p, *q] = if let Some(filtered) = filtered.next_if(|f| f.sample == k) {
+                filtered.measured(active, reactive)
+            } else {
+                let at = chain.instant(k);
+                [active[at], reactive[at]]
             };
         }
     }

@@ -396,7 +396,7 @@ impl<'a> Screening<'a> {
             });
         }
         let Projected {
-            projected,
+            information: projected,
             own,
             cross,
             factor,

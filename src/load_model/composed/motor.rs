@@ -388,7 +388,7 @@ impl<S: Elementary> Motor<S> {
         let ([a, b], [c, e]) = (&state.flux, &state.second);
         let [re, im] = &self.admittance;
         let cage = d.second_cage.as_ref();
-        let [difference, inverse_time] = cage.map_or([nothing; 2], |cage| cage.each_ref());
+        let [difference, inverse_time] = cage.map_or([nothing; 2], <[S; 2]>::each_ref);
         let (inverse_inertia, share) = part.map_or((&d.inverse_inertia, nothing), |part| {
             (&part.inverse_inertia, &part.share)
         });

@@ -53,13 +53,9 @@ impl<T: Arithmetic> Constants<T> {
 
 /// A step of the plain motor from fluxes and speed; behind them `alpha`, `nu` and the imaginary flux at rest.
 #[inline(always)]
-fn plain<T: Arithmetic, V: Copy>(
-    [a, b, s, alpha, nu, b0]: [T; 6],
-    u: [[V; 2]; 3],
-    duration_s: f64,
-) -> [T; 3]
+fn plain<T, V: Copy>([a, b, s, alpha, nu, b0]: [T; 6], u: [[V; 2]; 3], duration_s: f64) -> [T; 3]
 where
-    T: Mul<V, Output = T> + Add<V, Output = T>,
+    T: Arithmetic + Mul<V, Output = T> + Add<V, Output = T>,
 {
     runge_kutta(
         #[inline(always)]
@@ -80,7 +76,7 @@ where
 /// A step from `e'`, the speed and `e''`. `held` is what the saturation makes of `e'`, `load` the torque of
 /// the load at a speed.
 #[inline(always)]
-pub(super) fn detailed<T: Arithmetic, V: Copy>(
+pub(super) fn detailed<T, V: Copy>(
     constants: &Constants<T>,
     [a, b, s, c, d]: [T; 5],
     u: [[V; 2]; 3],
@@ -89,7 +85,7 @@ pub(super) fn detailed<T: Arithmetic, V: Copy>(
     load: impl Fn(T) -> T,
 ) -> [T; 5]
 where
-    T: Mul<V, Output = T> + Add<V, Output = T>,
+    T: Arithmetic + Mul<V, Output = T> + Add<V, Output = T>,
 {
     let k = constants;
     let Some([difference, inverse_time]) = k.second_cage else {
@@ -193,14 +189,14 @@ impl Kernel<{ LISTED + 6 }, 5> for Detailed {
 }
 
 #[inline(always)]
-fn unsaturated<T: Arithmetic, V: Copy>(
+fn unsaturated<T, V: Copy>(
     x: [T; LISTED],
     u: [[V; 2]; 3],
     duration_s: f64,
     [cage, share]: [bool; 2],
 ) -> [T; 5]
 where
-    T: Mul<V, Output = T> + Add<V, Output = T>,
+    T: Arithmetic + Mul<V, Output = T> + Add<V, Output = T>,
 {
     let constants = Constants {
         difference: x[5],
