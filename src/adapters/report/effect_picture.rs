@@ -9,7 +9,7 @@ use super::{
 };
 use crate::load_model::{
     ComposedModel, Drive, Response, SimulationError, Structure, TerminalInput,
-    composed::BASE_PARAMETERS,
+    composed::{BASE_PARAMETERS, ModelParameter},
     effect::{Needs, Role},
     structure::StructureError,
 };
@@ -201,10 +201,12 @@ impl Study {
     fn moved(&self, parameters: &[f64], step: &DVector<f64>, share: f64) -> Vec<f64> {
         let declared = self.plain.parameters().iter();
         let pairs = parameters.iter().zip(step.iter()).zip(declared);
-        pairs
-            .map(|((value, step), p)| {
-                (value + share * step).clamp(p.declaration.lower, p.declaration.upper)
-            })
+        let moved = pairs.map(|((value, step), p)| {
+            (value + share * step).clamp(p.declaration.lower, p.declaration.upper)
+        });
+        // What the refit holds stays as it is.
+        moved
+            .chain(parameters.iter().skip(step.len()).copied())
             .collect()
     }
 
@@ -323,17 +325,18 @@ fn time_s(sample: usize) -> f64 {
 /// Typical values; an amplitude of either sign that is typically absent is three times as large as what
 /// is worth reporting.
 fn shown_parameters(model: &ComposedModel) -> Vec<f64> {
-    let declared = model.parameters().iter().map(|p| p.declaration);
-    declared
-        .map(|p| match p.role {
+    let shown = |parameter: &ModelParameter| {
+        let p = &parameter.declaration;
+        match p.role {
             Role::TwoSidedAmplitude { meaningful } | Role::OneSidedAmplitude { meaningful }
-                if (p.typical - p.neutral).abs() < meaningful =>
+                if parameter.effect.is_some() && (p.typical - p.neutral).abs() < meaningful =>
             {
                 (p.neutral + 3.0 * meaningful).min(p.upper)
             }
             _ => p.typical,
-        })
-        .collect()
+        }
+    };
+    model.parameters().iter().map(shown).collect()
 }
 
 /// The phasor of a dip with phase jumps.

@@ -99,7 +99,12 @@ fn the_plain_structure_has_the_objective_of_the_plain_problem() {
     let x = [3.4, 7.0, 0.4];
     let point = problem.point(&DVector::from_column_slice(&x)).unwrap();
     let model = ComposedModel::new(&Structure::zip_im());
-    let parameters: Vec<f64> = x.iter().chain(&point.linear).copied().collect();
+    let parameters: Vec<f64> = x
+        .iter()
+        .chain(&point.linear)
+        .chain(&[0.0])
+        .copied()
+        .collect();
     let mut options = ComposedFitOptions::default();
     options.local.evaluations_max = 1;
     options.rounds_max = 1;
@@ -195,7 +200,7 @@ fn residuals_that_last_make_stated_errors_larger() {
     let mut lasting = white.clone();
     for event in &mut lasting {
         for (k, active) in event.active.iter_mut().enumerate() {
-            *active += 8e-4 * (0.05 * k as f64).sin();
+            *active += 2e-3 * (0.05 * k as f64).sin();
         }
     }
     let options = ComposedFitOptions::default();

@@ -156,7 +156,10 @@ mod tests {
             let model = ComposedModel::new(&Structure::zip_im().with(name).unwrap());
             let parameters = model.neutral();
             let amplitudes: Vec<usize> = (0..parameters.len())
-                .filter(|i| model.parameters()[*i].declaration.is_amplitude())
+                .filter(|i| {
+                    let p = &model.parameters()[*i];
+                    p.effect.is_some() && p.declaration.is_amplitude()
+                })
                 .collect();
             let course = model
                 .motor_course(&parameters, &amplitudes, &drive)

@@ -205,6 +205,7 @@ fn a_motor_with_stator_resistance_is_the_circuit_of_the_textbook() {
         0.0,
         0.03 * k,
         x,
+        0.0,
     ];
     let drive = Drive::new(&input, &[], -current.im);
     let out = model.simulate(&parameters, &[], &drive).unwrap();
@@ -252,7 +253,7 @@ fn wrong_arguments_are_named() {
         SimulationError::ParameterCount { .. }
     ));
     assert!(matches!(
-        simulate(&typical, &[8], &drive),
+        simulate(&typical, &[typical.len()], &drive),
         SimulationError::NoSuchParameter { .. }
     ));
     let mut overloaded = typical;
@@ -336,7 +337,8 @@ fn derivatives_are_the_same_asked_for_alone_and_together() {
         let name = effect.declaration().name;
         let model = ComposedModel::new(&Structure::zip_im().with(name).unwrap());
         let typical = model.typical();
-        let all: Vec<usize> = (0..typical.len()).collect();
+        // A lag of nothing behind a feeder: see `static_lag`.
+        let all: Vec<usize> = (0..model.static_lag()).collect();
         let together = model.simulate(&typical, &all, &drive).unwrap();
         for &index in &all {
             let alone = model.simulate(&typical, &[index], &drive).unwrap();

@@ -164,7 +164,7 @@ mod tests {
         let input = lasting(3.0, dip, &[0.5, 0.6]);
         let model = ComposedModel::new(&Structure::zip_im().with("contactor_dropout").unwrap());
         let mut p = model.typical();
-        p[8..].copy_from_slice(&[0.1, 0.55, 0.1, 0.08, 0.01, 0.3, 2.0, 0.5]);
+        p[8..16].copy_from_slice(&[0.1, 0.55, 0.1, 0.08, 0.01, 0.3, 2.0, 0.5]);
         let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();

@@ -251,7 +251,7 @@ mod tests {
         let structure = Structure::zip_im().with("distributed_generation").unwrap();
         let model = ComposedModel::new(&structure);
         let mut p = model.typical();
-        p[8..].copy_from_slice(&[
+        p[8..21].copy_from_slice(&[
             0.2, 0.75, 0.02, 0.02, 0.1, 2.0, 0.25, 0.003, 0.004, 1.1, 0.01, 0.0, 0.0,
         ]);
         let drive = Drive::new(&input, &[], 0.3);

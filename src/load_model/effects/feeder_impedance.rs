@@ -87,7 +87,7 @@ mod tests {
         // P_L0, the rest of the bookkeeping being P_L0 p and Q_L0 + P_L0 (q - q0).
         let square = 1.0 + q0 * q0;
         let d_z = (q0 - x * square) / (1.0 - r * square);
-        p[3..].copy_from_slice(&[0.0, 1.0, 0.0, d_z, 0.0, r, x]);
+        p[3..10].copy_from_slice(&[0.0, 1.0, 0.0, d_z, 0.0, r, x]);
         let drive = Drive::new(&input, &[], q0);
         let out = model.simulate(&p, &[], &drive).unwrap();
         let last = out.active.len() - 1;

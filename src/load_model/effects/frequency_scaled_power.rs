@@ -182,7 +182,7 @@ mod tests {
         let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
         let model = ComposedModel::new(&structure);
         let mut p = model.typical();
-        p[3..].copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+        p[3..11].copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
         let course: Vec<f64> = (input.output_points().iter())
             .map(|i| {
                 if (*i as f64) < 0.2 * 60.0 * 16.0 {
@@ -226,14 +226,14 @@ mod tests {
         let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
         let model = ComposedModel::new(&structure);
         let mut p = model.typical();
-        let last = p.len() - 3;
+        let own = model.static_lag() - 3..model.static_lag();
         let of = |p: &[f64], terminal| {
             let drive = Drive::new(terminal, &course, 0.3);
             model.simulate(p, &[], &drive).unwrap().active
         };
-        p[last..].copy_from_slice(&[0.0, 1.0, 0.0]);
+        p[own.clone()].copy_from_slice(&[0.0, 1.0, 0.0]);
         let with = of(&p, &still);
-        p[last..].copy_from_slice(&[0.0, 0.0, 0.0]);
+        p[own].copy_from_slice(&[0.0, 0.0, 0.0]);
         let without = of(&p, &turning);
         for (x, y) in with.iter().zip(&without) {
             // The mean rounds the corners of the ramp.

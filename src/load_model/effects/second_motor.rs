@@ -186,12 +186,13 @@ mod tests {
         let mut p = one.typical();
         let resistance = one.index("stator_resistance.resistance").unwrap();
         p[resistance] = 0.012;
-        let mut twice = p.clone();
+        // The lag of the static load comes last.
+        let mut twice = p[..one.static_lag()].to_vec();
         let [alpha, nu, kappa] = [p[0].exp(), p[1].exp(), p[2]];
         // (1) and (2) the other way round.
         let speed = input.synchronous_speed_rad_s;
         let slip = alpha * kappa / (speed * (1.0 + (1.0 - kappa * kappa).sqrt()));
-        twice.extend([0.15, slip, speed / (kappa * nu), kappa, 0.012]);
+        twice.extend([0.15, slip, speed / (kappa * nu), kappa, 0.012, 0.0]);
         p[3] += 0.15;
         let one = one.simulate(&p, &[], &drive).unwrap();
         let two = both.simulate(&twice, &[], &drive).unwrap();

@@ -202,7 +202,7 @@ mod tests {
         let input = lasting(10.0, dip, &[0.5, 0.6]);
         let model = ComposedModel::new(&Structure::zip_im().with("single_phase_ac_stall").unwrap());
         let mut p = model.typical();
-        p[8..].copy_from_slice(&[
+        p[8..20].copy_from_slice(&[
             0.1, 0.62, 0.035, 4.4, 4.0, 5.0, 0.0, 0.92, 0.35, 0.7, 1.2, 0.25,
         ]);
         let drive = Drive::new(&input, &[], 0.3);
