@@ -272,7 +272,7 @@ fn weighted_sum(fitted: &ComposedFit, parts: &[(String, f64)]) -> Option<(f64, f
         let declared = &fitted.model.parameters()[index].declaration;
         variance += (weight * declared.resolution).powi(2);
         // A step may lie anywhere in the model's span, uniformly.
-        if name.ends_with(".span") {
+        if name.rsplit('.').next() == Some("span") {
             variance += fitted.parameters[index].powi(2) / 12.0;
         }
     }

@@ -129,7 +129,9 @@ impl Novel {
                 both.map(|(q, v)| [0.0, q * v * v]).collect()
             }
             Self::Echo => {
-                let late = (time_s(0.2, 0.35) / dt).round() as usize;
+                let late_s = time_s(0.2, 0.35);
+                let late = (1..100_u32).take_while(|k| f64::from(*k) * dt < late_s);
+                let late = late.count();
                 let a = size(0.1, 0.3);
                 let voltage = &course.voltage;
                 let then = |k: usize| voltage[k.saturating_sub(late)];

@@ -211,7 +211,9 @@ fn two_hidden_effects_are_added_one_after_the_other() {
         );
     }
     let errors = quoted_errors(&found);
-    assert!(4.0 * errors[errors.len() - 1] < errors[0], "{errors:?}");
+    // Down to what the noise leaves, from several times that.
+    let (first, last) = (errors[0], errors[errors.len() - 1]);
+    assert!(last < 1.1 && 3.0 * last < first, "{errors:?}");
 }
 
 #[test]

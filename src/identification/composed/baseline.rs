@@ -38,6 +38,8 @@ const BENT_WITHOUT_MOTOR: f64 = 1.0;
 const NO_MOTOR: f64 = 1e-3;
 /// Where fits of the static load's lag begin, s: at nothing, a jump between two instants says nothing of it.
 const STATIC_LAG_S: f64 = 0.002;
+/// Below this rate no sample near a jump tells a lag of milliseconds from when the voltage jumped: there is none.
+const STATIC_LAG_RATE_FPS: f64 = 45.0;
 /// Place of kappa in a model's vector.
 const KAPPA: usize = 2;
 /// Place of the motor's share.
@@ -271,11 +273,11 @@ pub fn baseline(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<Baseline> {
     let model = ComposedModel::new(structure);
-    let free = base_parameters(&model);
+    let free = base_parameters(&model, events);
     let coarse = options.coarse();
     let sketched = |events: &[PreparedEvent], solution: &FitSolution| {
         EASED.into_iter().find_map(|share| {
-            let mut from = start(&model, solution);
+            let mut from = start(&model, solution, &free);
             from[KAPPA] *= share;
             fit(events, &model, &from, &free, &coarse, cancel)
         })
@@ -345,7 +347,7 @@ fn ordinary(
         return None;
     }
     let model = &fit.model;
-    let mut values = with_a_lag(model);
+    let mut values = with_a_lag(model, &fit.free);
     for (index, parameter) in model.parameters().iter().enumerate() {
         if parameter.effect.is_some() {
             values[index] = fit.parameters[index];
@@ -384,26 +386,31 @@ fn mild_count(events: usize, share: f64) -> usize {
 }
 
 /// The parameters of ZIP and motor, and those of effects that the plain search knows in part.
-fn base_parameters(model: &ComposedModel) -> Vec<usize> {
+fn base_parameters(model: &ComposedModel, events: &[PreparedEvent]) -> Vec<usize> {
     let all = model.parameters().iter().enumerate();
+    let tells_lag = events.iter().all(|e| e.rate_fps >= STATIC_LAG_RATE_FPS);
     let shared = |p: &ModelParameter| p.declaration.role == Role::Shared;
     all.filter(|(_, p)| !shared(p))
         .map(|(index, _)| index)
+        .filter(|index| tells_lag || *index != model.static_lag())
         .collect()
 }
 
-/// The typical vector, with a lag of the static load.
-fn with_a_lag(model: &ComposedModel) -> Vec<f64> {
+/// The typical vector, with a lag of the static load where that is free.
+fn with_a_lag(model: &ComposedModel, free: &[usize]) -> Vec<f64> {
     let mut values = model.typical();
     let lag = model.static_lag();
+    if !free.contains(&lag) {
+        return values;
+    }
     let declared = &model.parameters()[lag].declaration;
     values[lag] = STATIC_LAG_S.clamp(declared.lower, declared.upper);
     values
 }
 
 /// The model's vector at a solution of the plain search, every effect as it is typically.
-fn start(model: &ComposedModel, solution: &FitSolution) -> Vec<f64> {
-    let mut values = with_a_lag(model);
+fn start(model: &ComposedModel, solution: &FitSolution, free: &[usize]) -> Vec<f64> {
+    let mut values = with_a_lag(model, free);
     let plain = solution.found.local.x.iter().chain(&solution.point.linear);
     for (value, plain) in values.iter_mut().zip(plain) {
         *value = *plain;

@@ -202,7 +202,7 @@ mod tests {
             out.active[last]
         );
         // (3) adds 0.2/120 to Q.
-        *p.last_mut().unwrap() = 0.2;
+        p[model.static_lag() - 1] = 0.2;
         let magnetised = model.simulate(&p, &[], &drive).unwrap();
         assert_eq!(magnetised.active, out.active);
         let added = magnetised.reactive[last] - out.reactive[last];
