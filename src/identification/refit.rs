@@ -91,6 +91,15 @@ mod tests {
     }
 
     #[test]
+    fn a_set_of_earlier_versions_has_no_lag_of_the_static_load() {
+        let mut fitted = typical(&["zip", "induction_motor", "second_motor"]);
+        let (name, _) = fitted.values.pop().unwrap();
+        assert_eq!(name, "static_lag_s");
+        let load = fitted.load().unwrap();
+        assert_eq!(load.parameters[load.model.static_lag()].to_bits(), 0);
+    }
+
+    #[test]
     fn a_parameter_without_a_value_is_an_error_with_its_name() {
         let mut fitted = typical(&["zip", "induction_motor"]);
         let (name, _) = fitted.values.remove(0);

@@ -23,7 +23,7 @@
 //! PowerDynamics.jl `ExponentialRecoveryLoad.jl` (verified). Values T 60-300 s, `a_s` 0-.4, `a_t` 1.5-2.3 not
 //! verified.
 
-use super::lag::lag;
+use super::lag::lagged_voltage;
 use crate::{
     load_model::{
         Infeasible, MotorCoordinates,
@@ -89,10 +89,7 @@ impl<S: Elementary> Equations<S> for ExponentialRecovery {
     }
 
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
-        let half_s = 0.5 * step.duration_s;
-        let [start, middle, end] = step.voltage;
-        let z = lag(x[0], [start, middle], p[2], half_s);
-        x[0] = lag(z, [middle, end], p[2], half_s); // (1)
+        x[0] = lagged_voltage(x[0], step, p[2]); // (1)
     }
 
     fn power(&self, p: &[S], x: &[S], at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {

@@ -1,11 +1,30 @@
 //! A first-order lag, exact for an input that goes straight over the step.
 
-use crate::numerics::{Elementary, elementary::mean_decay};
+use crate::{
+    load_model::composed::Step,
+    numerics::{Elementary, elementary::mean_decay},
+};
 
 /// The state of `T z' = v - z` after a step from `from` to `to`.
 pub(super) fn lag<S: Elementary>(z: S, [from, to]: [S; 2], time_s: S, duration_s: f64) -> S {
     let x = S::constant(duration_s) / time_s;
     to - (to - from) * mean_decay(x) + (z - from) * (-x).exp()
+}
+
+/// Below this share of a step nothing of an older state is left.
+const SHORT: f64 = 0.02;
+
+/// The state of `T z' = v - z` after a step over which the voltage goes straight to the middle and to the end; `T` may
+/// be 0.
+pub(super) fn lagged_voltage<S: Elementary>(z: S, step: &Step<S>, time_s: S) -> S {
+    let half_s = 0.5 * step.duration_s;
+    let [start, middle, end] = step.voltage;
+    if time_s.value() < SHORT * half_s {
+        // (1 - e^-x)/x is 1/x and e^-x nothing there.
+        return end - (end - middle) * (time_s * (1.0 / half_s));
+    }
+    let z = lag(z, [start, middle], time_s, half_s);
+    lag(z, [middle, end], time_s, half_s)
 }
 
 #[cfg(test)]

@@ -23,7 +23,7 @@
 //! Source: the load model `vfd_load` of RAMSES (STEPSS) by its manual, shown by running it (`docs/known-limits.md`); no
 //! measurement of a real load.
 
-use super::lag::lag;
+use super::lag::lagged_voltage;
 use crate::{
     load_model::{
         Infeasible,
@@ -73,8 +73,6 @@ const DECLARATION: Declaration = Declaration {
     source: "RAMSES (STEPSS), vfd_load (verified by running it)",
 };
 
-/// Below this share of a step nothing of an older state is left.
-const SHORT: f64 = 0.02;
 /// `v/z` at most, and `z` at least.
 const RATIO_MAX: f64 = 3.0;
 const LAGGED_MIN: f64 = 0.02;
@@ -85,15 +83,6 @@ impl Declared for StaticLag {
     }
 }
 
-/// [`lag`], also for a time constant of 0.
-fn followed<S: Elementary>(z: S, [from, to]: [S; 2], time_s: S, duration_s: f64) -> S {
-    if time_s.value() < SHORT * duration_s {
-        // (1 - e^-x)/x is 1/x and e^-x nothing there.
-        return to - (to - from) * (time_s * (1.0 / duration_s));
-    }
-    lag(z, [from, to], time_s, duration_s)
-}
-
 impl<S: Elementary> Equations<S> for StaticLag {
     fn initialise(&self, _p: &[S], _rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
         x[0] = S::constant(1.0);
@@ -101,10 +90,7 @@ impl<S: Elementary> Equations<S> for StaticLag {
     }
 
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
-        let half_s = 0.5 * step.duration_s;
-        let [start, middle, end] = step.voltage;
-        let z = followed(x[0], [start, middle], p[0], half_s);
-        x[0] = followed(z, [middle, end], p[0], half_s); // (1)
+        x[0] = lagged_voltage(x[0], step, p[0]); // (1)
     }
 
     fn power(&self, _p: &[S], x: &[S], at: &Instant<S>, rest: &Rest<S>) -> [S; 2] {
