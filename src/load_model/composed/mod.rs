@@ -283,7 +283,7 @@ impl ComposedModel {
 
     /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the
     /// vector, any order). The values do not depend on what is wanted. Cost: an integration with
-    /// [`Sensitivity`] for every [`LANES`] wanted parameters that act on states (all of them behind a
+    /// [`Sensitivity`](super::effect::Sensitivity) for every [`LANES`] wanted parameters that act on states (all of them behind a
     /// feeder, [`LANES`] less two at a time; without the motor where none of them acts on it), an evaluation at the output instants for every [`LANES`]
     /// others; one with `f64` where none acts on states.
     ///
