@@ -1,5 +1,7 @@
 //! What may be said of the trials: figures in, a decision with its reasons out. No model here.
 
+use std::cmp::Ordering;
+
 use super::options::ClaimOptions;
 
 /// Weighted squares per row on the gate's events, not fitted.
@@ -20,6 +22,8 @@ pub(super) struct Evidence {
     pub(super) chi_square_before: f64,
     /// ... and with it.
     pub(super) chi_square_after: f64,
+    /// It acts in parts between two voltages that no event's lowest one lies between.
+    pub(super) unseen_span: bool,
     /// Amplitude over the smallest meaningful one.
     pub(super) amplitude_over_meaningful: f64,
     /// An amplitude or shape lies on a bound.
@@ -238,9 +242,29 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
         .fold(f64::INFINITY, f64::min);
     let most = options.rival_held_out_factor * least.max(ADEQUATE_FLOORS * options.floor);
     chosen.retain(|&i| held_out(i) <= most);
-    // An instrument that explains as much as the load is blamed first: it is the simpler cause.
-    chosen.sort_by_key(|&i| list[i].0.physics);
+    let place = |i: &usize| order(&list[*i].0, list[*i].0.delta_bic, options);
+    chosen.sort_by(|a, b| earlier(place(a), place(b)));
     chosen
+}
+
+/// What decides the order of effects that are not told apart: see [`order`].
+pub(super) type Order = (bool, f64);
+
+/// The place of an effect with a criterion among those that it is not told from. An instrument that explains as much
+/// as the load is blamed first: it is the simpler cause. What acts in parts between two voltages, where no event
+/// shows a part, is behind what switches at one, unless its criterion is lower by as much as a claim needs: dips between
+/// the fitted ones are foretold as the prior has them.
+pub(super) fn order(evidence: &Evidence, criterion: f64, options: &ClaimOptions) -> Order {
+    let unseen = if evidence.unseen_span {
+        options.delta_bic_min
+    } else {
+        0.0
+    };
+    (evidence.physics, criterion + unseen)
+}
+
+pub(super) fn earlier(one: Order, other: Order) -> Ordering {
+    one.0.cmp(&other.0).then(one.1.total_cmp(&other.1))
 }
 
 /// The answer set of trials of which some are companions (marked), each tried by itself, best criterion first: what a
@@ -282,6 +306,7 @@ mod tests {
             delta_bic,
             chi_square_before: 10.0,
             chi_square_after: after,
+            unseen_span: false,
             amplitude_over_meaningful: 3.0,
             at_bound: false,
             squares_after: 1000.0 * after,
@@ -440,6 +465,12 @@ mod tests {
             (evidence(-900.0, 2.5, true), true),
         ];
         assert_eq!(answer_set(&list, &options), [2, 0]);
+        let mut unseen = list.clone();
+        unseen[0].0.unseen_span = true;
+        unseen[3].0.delta_bic = -975.0;
+        assert_eq!(answer_set(&unseen, &options), [2, 3, 0]);
+        unseen[0].0.delta_bic = -1010.0;
+        assert_eq!(answer_set(&unseen, &options), [2, 0, 3]);
         let mut stretched = list.clone();
         stretched[2].0.at_bound = true;
         assert_eq!(answer_set(&stretched, &options), [0]);

@@ -5,7 +5,7 @@
 
 use super::{
     case::Case,
-    claim::told_apart,
+    claim::{Order, earlier, order, told_apart},
     trials::{Fitted, Trial},
 };
 use crate::identification::{IdentificationError, composed::ComposedFit};
@@ -66,9 +66,13 @@ pub(super) fn beside_companions(
             base.baseline.all.criterion() - best.criterion(),
             &case.options.claim,
         );
-    let near = fits.iter().filter(|(_, fit)| fit.criterion() <= limit);
-    let mut order: Vec<usize> = near.map(|(place, _)| *place).collect();
-    // An instrument that explains as much as the load is blamed first: it is the simpler cause.
-    order.sort_by_key(|&place| list[place].evidence.as_ref().is_none_or(|e| e.physics));
-    Ok(order)
+    let ordered = |(place, fit): &(usize, ComposedFit)| -> Order {
+        let evidence = list[*place].evidence.as_ref();
+        evidence.map_or((true, fit.criterion()), |evidence| {
+            order(evidence, fit.criterion(), &case.options.claim)
+        })
+    };
+    fits.retain(|(_, fit)| fit.criterion() <= limit);
+    fits.sort_by(|a, b| earlier(ordered(a), ordered(b)));
+    Ok(fits.into_iter().map(|(place, _)| place).collect())
 }

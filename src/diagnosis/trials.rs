@@ -1,6 +1,8 @@
 //! Every effect of the catalogue tried on top of a fitted structure: screened by its linear score,
 //! the best refitted, and those that may be claimed held against the gate.
 
+use std::ops::RangeInclusive;
+
 use super::{
     case::Case,
     claim::{Evidence, GateEvidence, objections},
@@ -11,6 +13,7 @@ use crate::{
         IdentificationError, ParameterEstimate,
         composed::{self, Baseline, ComposedFit, Ground, Score, Screened},
         composed_parameters,
+        intake::PreparedEvent,
     },
     load_model::{
         Structure,
@@ -49,6 +52,9 @@ const BEATEN: f64 = 10.0;
 const LOWERED_SHARE: f64 = 0.5;
 /// ... which is looked after in all but the last of so many rounds of trials.
 const LOWERED_MAX: usize = 3;
+
+/// Parts of an effect that are told from none and from the whole: thresholds are known to no more than that.
+const PARTS: RangeInclusive<f64> = 0.1..=0.9;
 
 /// One effect on top of a structure.
 pub(super) struct Trial {
@@ -336,13 +342,13 @@ fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), Iden
             case.watcher.check()?;
             least = least.min(fit.chi_square_per_row());
         }
-        trial.evidence = Some(evidence(base, trial, &fit));
+        trial.evidence = Some(evidence(case, base, trial, &fit));
         trial.fit = Some(fit);
     }
     Ok(())
 }
 
-fn evidence(base: &Fitted, trial: &Trial, added: &ComposedFit) -> Evidence {
+fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) -> Evidence {
     let before = &base.baseline.all;
     let (value, meaningful) = amplitude(trial.declaration, added);
     Evidence {
@@ -350,6 +356,7 @@ fn evidence(base: &Fitted, trial: &Trial, added: &ComposedFit) -> Evidence {
         delta_bic: added.criterion() - before.criterion(),
         chi_square_before: before.chi_square_per_row(),
         chi_square_after: added.chi_square_per_row(),
+        unseen_span: unseen_span(case, trial.name(), added),
         amplitude_over_meaningful: value / meaningful,
         at_bound: composed_parameters(added, trial.name())
             .iter()
@@ -358,6 +365,28 @@ fn evidence(base: &Fitted, trial: &Trial, added: &ComposedFit) -> Evidence {
         gate: None,
         runner_up: 0.0,
     }
+}
+
+/// Whether an effect acts in parts between two voltages, and no event's lowest voltage lies clearly between them.
+fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool {
+    let shape = |shape: &str| {
+        let index = added.model.index(&format!("{name}.{shape}"))?;
+        Some(added.parameters[index])
+    };
+    let band = effects::find(name).and_then(|effect| {
+        let (first, span) = (shape(effect.threshold()?)?, shape(effect.span()?)?);
+        Some((first, span))
+    });
+    band.is_some_and(|(first, span)| {
+        let acts = |event: &PreparedEvent| {
+            (first - event.v0_pu * event.input.lowest_voltage()) / span.max(f64::MIN_POSITIVE)
+        };
+        !case
+            .judged
+            .iter()
+            .map(acts)
+            .any(|part| PARTS.contains(&part))
+    })
 }
 
 fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {

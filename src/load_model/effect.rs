@@ -310,6 +310,12 @@ pub trait Declared: Debug + Send + Sync {
         None
     }
 
+    /// Name of the shape that is the width of the band of voltages below [`Self::threshold`] in which the effect
+    /// acts in part, if there is one.
+    fn span(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Sizes of the first amplitude at which a screen should look, where what happens at a small one says
     /// nothing of a real one (a tap changer whose steps are too small never ends). Empty: the
     /// derivative at the neutral value serves. Where of some shapes one size does nothing in an event, none does.

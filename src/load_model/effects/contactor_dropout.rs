@@ -91,6 +91,10 @@ impl Declared for ContactorDropout {
         Some("first_voltage")
     }
 
+    fn span(&self) -> Option<&'static str> {
+        Some("span")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
         for [span, opening_s] in [[0.04, 0.005], [0.15, 0.005], [0.15, 0.02]] {

@@ -83,6 +83,10 @@ impl Declared for DischargeLighting {
         Some("first_voltage")
     }
 
+    fn span(&self) -> Option<&'static str> {
+        Some("span")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
         for span in [0.05, 0.14] {

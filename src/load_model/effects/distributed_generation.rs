@@ -112,6 +112,10 @@ impl Declared for DistributedGeneration {
         Some("voltage")
     }
 
+    fn span(&self) -> Option<&'static str> {
+        Some("span")
+    }
+
     fn load_exponent(&self) -> Option<[&'static str; 2]> {
         Some(["share", "load_exponent"])
     }

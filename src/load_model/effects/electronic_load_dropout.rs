@@ -93,6 +93,10 @@ impl Declared for ElectronicLoadDropout {
         Some("first_voltage")
     }
 
+    fn span(&self) -> Option<&'static str> {
+        Some("span")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         let mut points = Vec::new();
         for (span, hold_up_s) in [(0.04, 0.002), (0.2, 0.002), (0.04, 0.03)] {
