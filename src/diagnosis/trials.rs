@@ -11,7 +11,7 @@ use super::{
 use crate::{
     identification::{
         IdentificationError, ParameterEstimate,
-        composed::{self, Baseline, ComposedFit, Ground, Score, Screened},
+        composed::{self, Baseline, ComposedFit, Ground, Score, Screened, has_no_motor},
         composed_parameters,
         intake::PreparedEvent,
     },
@@ -167,6 +167,7 @@ fn tried(
         }
     }
     refine(case, base, &mut list)?;
+    with_the_motor_of_another(case, base, &mut list)?;
     rivals_from_the_best(case, base, &mut list)?;
     refine(case, base, &mut list)?;
     list.sort_by(|a, b| {
@@ -259,16 +260,12 @@ fn rivals_from_the_best(
 ) -> Result<(), IdentificationError> {
     let options = &case.options.composed;
     let cancel = case.watcher.cancel;
-    let criterion = |trial: &Trial| trial.fit.as_ref().map(ComposedFit::criterion);
     let has_threshold = |trial: &Trial| {
         let effect = effects::find(trial.name());
         effect.is_some_and(|e| e.threshold().is_some())
     };
-    let mut order: Vec<(usize, f64)> = (list.iter().enumerate())
-        .filter_map(|(place, trial)| Some((place, criterion(trial)?)))
-        .collect();
-    order.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let Some(&(best, _)) = order.first() else {
+    let order = by_criterion(list);
+    let Some(&best) = order.first() else {
         return Ok(());
     };
     let Some(fit) = list[best].fit.as_ref().filter(|fit| {
@@ -280,23 +277,77 @@ fn rivals_from_the_best(
     let Some(origin) = (base.baseline).with_values_of(&case.judged, fit, options, cancel) else {
         return Ok(());
     };
-    let origins = [&origin];
-    let structure = &base.baseline.structure;
-    let ground = Ground::new(&case.judged, structure, &origins, options, cancel);
-    let rivals = order.iter().skip(1).map(|(place, _)| *place);
+    let rivals = order.into_iter().skip(1);
     let rivals: Vec<usize> = rivals
         .filter(|place| has_threshold(&list[*place]))
         .take(RIVALS_MAX)
         .collect();
-    for place in rivals {
-        let trial = &mut list[place];
+    let is_rival = |(place, trial)| rivals.contains(&place).then_some(trial);
+    let rivals = list.iter_mut().enumerate().filter_map(is_rival);
+    sketched_again(case, base, &origin, rivals)
+}
+
+/// Where the best effect follows the events without the motor, it is sketched once more with everything else as the
+/// best other effect has it that needs one: a motor given up for what was missing does not come back by itself.
+fn with_the_motor_of_another(
+    case: &Case<'_>,
+    base: &Fitted,
+    list: &mut [Trial],
+) -> Result<(), IdentificationError> {
+    let options = &case.options.composed;
+    let order = by_criterion(list);
+    let without = |place: &usize| list[*place].fit.as_ref().is_none_or(has_no_motor);
+    let Some(&best) = order.first().filter(|place| without(place)) else {
+        return Ok(());
+    };
+    let other = order.iter().find(|place| !without(place));
+    let origin = other.and_then(|&place| {
+        let fit = list[place].fit.as_ref()?;
+        (base.baseline).with_values_of(&case.judged, fit, options, case.watcher.cancel)
+    });
+    origin.map_or(Ok(()), |origin| {
+        sketched_again(case, base, &origin, [&mut list[best]])
+    })
+}
+
+/// The places of trials that have a fit, best criterion first.
+fn by_criterion(list: &[Trial]) -> Vec<usize> {
+    let criterion = |trial: &Trial| trial.fit.as_ref().map(ComposedFit::criterion);
+    let mut order: Vec<(usize, f64)> = (list.iter().enumerate())
+        .filter_map(|(place, trial)| Some((place, criterion(trial)?)))
+        .collect();
+    order.sort_by(|a, b| a.1.total_cmp(&b.1));
+    order.into_iter().map(|(place, _)| place).collect()
+}
+
+/// Sketches effects from another fit of the structure; what ends lower takes the place of what is known.
+fn sketched_again<'t>(
+    case: &Case<'_>,
+    base: &Fitted,
+    origin: &ComposedFit,
+    trials: impl IntoIterator<Item = &'t mut Trial>,
+) -> Result<(), IdentificationError> {
+    let origins = [origin];
+    let structure = &base.baseline.structure;
+    let options = &case.options.composed;
+    let ground = Ground::new(
+        &case.judged,
+        structure,
+        &origins,
+        options,
+        case.watcher.cancel,
+    );
+    for trial in trials {
         case.watcher
             .says(format!("trying {} again", trial.name()), 0, 1);
         let found = base
             .baseline
             .sketched(&ground, &ground.screen(trial.name())?);
         case.watcher.check()?;
-        let known = criterion(trial).unwrap_or(f64::INFINITY);
+        let known = trial
+            .fit
+            .as_ref()
+            .map_or(f64::INFINITY, ComposedFit::criterion);
         if let Some(found) = found.filter(|found| found.criterion() < known) {
             trial.fit = Some(found);
             trial.evidence = None;

@@ -358,7 +358,8 @@ fn ordinary(
 }
 
 /// Whether the motor's share or its kappa has run to its least: what is missing stands in for the motor.
-pub(super) fn has_no_motor(fit: &ComposedFit) -> bool {
+#[must_use]
+pub fn has_no_motor(fit: &ComposedFit) -> bool {
     [KAPPA, MOTOR_SHARE].iter().any(|&index| {
         let declaration = &fit.model.parameters()[index].declaration;
         let (low, high) = (declaration.lower, declaration.upper);

@@ -23,7 +23,7 @@ mod threshold;
 #[cfg(test)]
 mod tests;
 
-pub use baseline::{Baseline, baseline};
+pub use baseline::{Baseline, baseline, has_no_motor};
 pub use coordinates::Coordinates;
 pub use extend::{Ground, Screened, refine};
 pub use fit::{ComposedFit, ComposedFitOptions, fit, squares, with_own_composition};

@@ -1,7 +1,7 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
 use super::{
-    Baseline, ComposedFitOptions, Ground, baseline::has_no_motor, fit, narrowed,
+    Baseline, ComposedFitOptions, Ground, fit, has_no_motor, narrowed,
     operating_point::at_operating_point, refine, with_levels_of,
 };
 use crate::{
