@@ -1,9 +1,9 @@
 //! One site of the study: made, diagnosed, improved.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use loadmodeld::{
-    adapters::recordings::site_folder,
+    adapters::{recordings::site_folder, synthetic},
     diagnosis::{Change, DiagnosisOptions, Improvement, improve},
     disturbance::{ScreeningOptions, Window, screen},
     load_model::effects::catalogue,
@@ -133,8 +133,8 @@ impl Case {
         }
     }
 
-    /// One line of the study; none where the truth simulator refuses the site.
-    pub(crate) fn run(&self) -> Option<Value> {
+    /// The site; none where the truth simulator refuses it.
+    fn made(&self) -> Option<SyntheticSite> {
         let shape = self.shape();
         let mut made = match study_site(self.seed, site_number(self.hidden, self.number), &shape) {
             Ok(made) => made,
@@ -146,6 +146,19 @@ impl Case {
         if let Hidden::Novel(load) = self.hidden {
             load.write_into(&mut made, self.number);
         }
+        Some(made)
+    }
+
+    /// Puts the site's folder and truth into a directory.
+    pub(crate) fn write(&self, directory: &Path) {
+        let Some(mut made) = self.made() else { return };
+        made.options.site.name = self.name().replace([' ', '+', ':'], "-");
+        synthetic::write(&made, directory).unwrap();
+    }
+
+    /// One line of the study; none where the truth simulator refuses the site.
+    pub(crate) fn run(&self) -> Option<Value> {
+        let made = self.made()?;
         let windows = windows(&made);
         let mut options = DiagnosisOptions::default();
         if let Hidden::Outside(effect) = self.hidden {

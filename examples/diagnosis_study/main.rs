@@ -6,6 +6,8 @@
 //! JSON per site is added to `--lines`, and what is there already is not tried again. Noise, rate and
 //! number of events go with the number of the site.
 //!
+//! With `--write DIR` in place of `--lines` the sites are written as folders, for the program's own commands.
+//!
 //! `cargo run --release --example diagnosis_study -- --summary FILE` prints the tables of
 //! `docs/diagnosis-rates.md` from such lines.
 #![allow(
@@ -24,6 +26,7 @@ use std::{
     collections::HashSet,
     fs::{File, OpenOptions, read_to_string},
     io::Write,
+    path::Path,
     time::Instant,
 };
 
@@ -44,6 +47,7 @@ struct Arguments {
     composition_spread: Option<f64>,
     only: Option<String>,
     lines: Option<String>,
+    write: Option<String>,
     summary: Option<String>,
 }
 
@@ -66,6 +70,7 @@ fn arguments() -> Arguments {
             "--composition-spread" => found.composition_spread = Some(value.parse().unwrap()),
             "--only" => found.only = Some(value),
             "--lines" => found.lines = Some(value),
+            "--write" => found.write = Some(value),
             "--summary" => found.summary = Some(value),
             other => panic!("unknown option {other}"),
         }
@@ -119,6 +124,12 @@ fn main() {
     let asked = arguments();
     if let Some(path) = &asked.summary {
         summary::print(&read(path));
+        return;
+    }
+    if let Some(directory) = &asked.write {
+        for case in cases(&asked) {
+            case.write(Path::new(directory));
+        }
         return;
     }
     let Some(path) = asked.lines.as_deref() else {

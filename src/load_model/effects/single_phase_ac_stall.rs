@@ -15,7 +15,7 @@
 //!         p = 1 + 12 (.86 - v)^3.2,   q = q_r - 6 .14^2 + 11 (.86 - v)^2.5  below            (2)
 //!         but never more than (3)
 //! stall:  p = G v^2,  q = B v^2                                                             (3)
-//! s = latch(v < V_st for T_st),  b = r latch(v > V_rs for T_rs)                              (4)
+//! s = latch(v < V_st for T_st),  b = r latch(v > V_rs for T_rs), until they stall again      (4)
 //! T_th dh/dt = G v^2 - h,   k = 1 - (h - h_1)/h_s within 0..1                                (5)
 //! dP = F ((1 - s + s b) p_run + s (1 - b) k p_stall - 1), dQ likewise                        (6)
 //! ```
@@ -57,7 +57,7 @@ const DECLARATION: Declaration = Declaration {
     name: "single_phase_ac_stall",
     title: "Single-phase air conditioners that stall",
     kind: Kind::Physics,
-    version: 4,
+    version: 5,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
         Parameter::shape(["stall_voltage", "V_st", "pu"], [0.4, 0.62, 0.8], 0.06)
@@ -160,6 +160,9 @@ impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
         };
         relay::latch([stall_timer, stalled], low, p[2], step.duration_s); // (4)
         if stalled.value() > 0.0 {
+            // Those that run again stall again.
+            let running = -relay::switched(*stall_timer, p[2]) + 1.0;
+            *restarted = smaller(*restarted, running);
             relay::latch([restart_timer, restarted], high, p[8], step.duration_s);
             let [from, _, to] = step.voltage.map(|v| p[3] * (v * v));
             *heat = lag(*heat, [from, to], p[5], step.duration_s); // (5)
@@ -194,6 +197,30 @@ mod tests {
         assert!((running(0.66)[0] - 1.069_577).abs() < 1e-5);
         // v = 0.4: 12 x 0.46^3.2 = 1.0, and one for rest; stopped 4.4 x 0.16 = 0.704.
         assert!((running(0.4)[0] - 0.704).abs() < 1e-12);
+    }
+
+    #[test]
+    fn those_that_have_restarted_stall_again_in_another_dip() {
+        let low = |t: f64| (0.5..0.6).contains(&t) || (2.0..2.1).contains(&t);
+        let dips = |t: f64| [if low(t) { 0.5 } else { 1.0 }, 0.0];
+        let input = lasting(4.0, dips, &[0.5, 0.6, 2.0, 2.1]);
+        let model = ComposedModel::new(&Structure::zip_im().with("single_phase_ac_stall").unwrap());
+        let mut p = model.typical();
+        // Half of them restart after 0.35 s; relays that are far from opening.
+        p[8..20].copy_from_slice(&[
+            0.1, 0.62, 0.035, 4.4, 4.0, 60.0, 0.5, 0.92, 0.35, 3.0, 1.2, 0.25,
+        ]);
+        let drive = Drive::new(&input, &[], 0.3);
+        let with = model.simulate(&p, &[], &drive).unwrap();
+        let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
+        let more = |t: f64| {
+            let k = (t * 60.0).round() as usize;
+            with.active[k] - without.active[k]
+        };
+        // 0.1 (4.4 - 1) = 0.34 while all stand, half of it once half of them run.
+        for (t, expected) in [(0.8, 0.34), (1.5, 0.17), (2.3, 0.34), (3.0, 0.17)] {
+            assert!((more(t) - expected).abs() < 1e-3, "{t}: {}", more(t));
+        }
     }
 
     #[test]
