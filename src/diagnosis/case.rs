@@ -191,15 +191,13 @@ impl<'a> Case<'a> {
     /// The fits from which effects start, of a structure built up effect by effect.
     pub(super) fn baseline(&self, structure: &Structure) -> Result<Baseline, IdentificationError> {
         let plain = structure.plain_part();
-        let best = self
-            .found
-            .solutions
-            .first()
-            .ok_or(IdentificationError::NoSolution)?;
+        if self.found.solutions.is_empty() {
+            return Err(IdentificationError::NoSolution);
+        }
         let built = composed::baseline(
             &self.judged,
             &plain,
-            best,
+            &self.found.solutions,
             &self.problem,
             &self.options.composed,
             self.watcher.cancel,

@@ -264,6 +264,7 @@ impl<'a> Fitting<'a> {
     fn approach(&mut self) -> Option<f64> {
         let scatter = Scatter {
             composition: [0.0; LINEAR_COUNT],
+            motor_share: 0.0,
             effect_share: 0.0,
         };
         let place = Place {

@@ -23,12 +23,17 @@ const LINEAR_FIRST: usize = 3;
 pub(super) const LINEAR_COUNT: usize = 5;
 /// Spread of an effect's share from event to event, relative to the share.
 const EFFECT_SPREAD_RELATIVE: f64 = 0.06;
+/// The same of the motor's share, at most: a motor of next to no share but many times its rating would otherwise
+/// explain whatever an event has.
+const MOTOR_SPREAD_RELATIVE: f64 = 0.1;
 
 /// What varies from event to event, as standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scatter {
     /// Of the linear coefficients, relative to P0.
     pub composition: [f64; LINEAR_COUNT],
+    /// Of the motor's share relative to that share, where that is less.
+    pub motor_share: f64,
     /// Of an effect's share of the load, relative to that share.
     pub effect_share: f64,
 }
@@ -37,6 +42,7 @@ impl Default for Scatter {
     fn default() -> Self {
         Self {
             composition: ProblemOptions::default().composition_spread,
+            motor_share: MOTOR_SPREAD_RELATIVE,
             effect_share: EFFECT_SPREAD_RELATIVE,
         }
     }
@@ -47,6 +53,7 @@ impl Scatter {
     pub(super) fn times(&self, [composition, effects]: [f64; 2]) -> Self {
         Self {
             composition: self.composition.map(|spread| composition * spread),
+            motor_share: composition * self.motor_share,
             effect_share: effects * self.effect_share,
         }
     }
@@ -373,7 +380,9 @@ pub(super) fn random_effects(
     scatter: &Scatter,
 ) -> Vec<(usize, f64)> {
     let linear = LINEAR_FIRST..LINEAR_FIRST + LINEAR_COUNT;
-    let composition = linear.zip(scatter.composition);
+    let mut composition = scatter.composition;
+    composition[0] = composition[0].min(scatter.motor_share * parameters[LINEAR_FIRST]);
+    let composition = linear.zip(composition);
     let shares = shares(model, parameters);
     let shares = shares
         .into_iter()
