@@ -176,10 +176,18 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
 }
 
 /// Whether an effect explains what is left so far that its name can stand for it: down to the floor,
-/// or nearly all of it.
+/// nearly all of it, or most of it and near the floor.
 pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
+    let left = left_share(evidence, options);
     evidence.chi_square_after < options.reached_floors * options.floor
-        || left_share(evidence, options) < options.left_share
+        || left < options.left_share
+        || evidence.chi_square_after < options.near_floors * options.floor
+            && left < options.near_left_share
+}
+
+/// Whether what it leaves counts as adequate, unless events depart from the model for a while.
+pub(super) fn leaves_adequate(evidence: &Evidence, options: &ClaimOptions) -> bool {
+    is_adequate(evidence.chi_square_after, options)
 }
 
 /// What is left above the floor, as a share of what was.
@@ -526,6 +534,14 @@ mod tests {
         let options = ClaimOptions::default();
         assert!(reaches(&evidence(-500.0, 2.0, true), &options));
         assert!(!reaches(&evidence(-500.0, 6.0, true), &options));
+        // Most of it must go on the way to the floor.
+        let half = |after: f64| Evidence {
+            chi_square_before: 2.6,
+            ..evidence(-500.0, after, true)
+        };
+        assert!(!reaches(&half(1.7), &options) && !leaves_adequate(&half(1.7), &options));
+        assert!(!reaches(&half(1.3), &options) && leaves_adequate(&half(1.3), &options));
+        assert!(reaches(&half(1.0), &options));
         let far = [
             (evidence(-5000.0, 1.5, true), true),
             (evidence(-900.0, 8.0, true), true),

@@ -74,10 +74,14 @@ pub struct ClaimOptions {
     pub rival_held_out_factor: f64,
     /// Weighted squares per row of a perfect model: what is below twice this is adequate.
     pub floor: f64,
-    /// An effect is named where it brings the fit below this many times the floor.
+    /// An effect is named where it brings the fit below this many times the floor, ...
     pub reached_floors: f64,
-    /// ... or where it leaves at most this share of what was above the floor.
+    /// ... where it leaves at most this share of what was above the floor, ...
     pub left_share: f64,
+    /// ... below this many times the floor, ...
+    pub near_floors: f64,
+    /// ... at most this share ...
+    pub near_left_share: f64,
     /// ... or at most this share, when ...
     pub decisive_share: f64,
     /// ... every effect outside the answer set leaves at least this many times as much.
@@ -103,8 +107,10 @@ impl Default for ClaimOptions {
             delta_bic_near: 10.0,
             rival_held_out_factor: 4.0,
             floor: 0.7,
-            reached_floors: 3.0,
+            reached_floors: 1.3,
             left_share: 0.03,
+            near_floors: 3.0,
+            near_left_share: 0.2,
             decisive_share: 0.12,
             decisive_factor: 2.5,
         }

@@ -3,7 +3,8 @@
 use super::{
     case::Case,
     claim::{
-        ADEQUATE_FLOORS, Evidence, answer_set, companions_or_rivals, decisive, objections, reaches,
+        ADEQUATE_FLOORS, Evidence, answer_set, companions_or_rivals, decisive, leaves_adequate,
+        objections, reaches,
     },
     departures::departures,
     equals::beside_companions,
@@ -123,7 +124,14 @@ fn by_themselves(
     let (asked, own) = trials(case, asked, &names)?;
     let named = of_companions(case, &own);
     let answer = taken_over(&mut list, own, &named);
-    if let Some(&place) = answer.first() {
+    // What only stands in for a companion must explain what is left as any other claim.
+    let explains = |place: usize| {
+        let evidence = list[place].evidence.as_ref();
+        decision.status != Status::UnknownEffect
+            || COMPANIONS.contains(&list[place].name())
+            || evidence.is_some_and(|e| reaches(e, &case.options.claim))
+    };
+    if let Some(&place) = answer.first().filter(|&&place| explains(place)) {
         decision = companion_decision(case, with, &list[place], decision, answer);
     }
     Ok(Judged {
@@ -294,7 +302,12 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
     let evidence = &judged[best].0;
     let found = found(list[place].name(), evidence);
     let status = status_of(&list[place]);
-    if reaches(evidence, options) || decisive(&judged, &equals, options) {
+    let follows = || {
+        let fit = list[place].fit.as_ref();
+        leaves_adequate(evidence, options)
+            && fit.is_some_and(|fit| departures(case, fit).is_empty())
+    };
+    if reaches(evidence, options) || decisive(&judged, &equals, options) || follows() {
         return Ok(Decision {
             status,
             answer,
