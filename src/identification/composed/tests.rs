@@ -108,6 +108,8 @@ fn the_plain_structure_has_the_objective_of_the_plain_problem() {
     let mut options = ComposedFitOptions::default();
     options.local.evaluations_max = 1;
     options.rounds_max = 1;
+    // The plain problem's does not go with the share.
+    options.scatter.motor_share = 10.0;
     let at = fit(&events, &model, &parameters, &FREE, &options, &|| false).unwrap();
     // Two integrators, 1e-4 of P0 apart at worst.
     assert!(

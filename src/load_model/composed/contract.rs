@@ -449,6 +449,23 @@ fn where_a_threshold_lies_below_a_dip_changes_nothing() {
 }
 
 #[test]
+fn a_span_lies_below_a_threshold() {
+    let mut seen = 0;
+    for effect in catalogue() {
+        let Some(span) = effect.span() else { continue };
+        let declared = |name: &str| {
+            let parameters = effect.declaration().parameters.iter();
+            parameters.clone().find(|p| p.name == name).unwrap()
+        };
+        let threshold = declared(effect.threshold().unwrap());
+        assert_eq!(declared(span).unit, threshold.unit, "{}", name(effect));
+        assert!(declared(span).lower > 0.0, "{}", name(effect));
+        seen += 1;
+    }
+    assert!(seen >= 4, "{seen}");
+}
+
+#[test]
 fn any_two_effects_compose() {
     let input = a_dip(0.6, -0.1);
     for (i, one) in catalogue().iter().enumerate() {
