@@ -295,19 +295,9 @@ pub fn baseline(
     if has_no_motor(&all) && all.chi_square_per_row() >= BENT_WITHOUT_MOTOR {
         let others = solutions.iter().skip(1).take(OTHERS_MAX);
         let others = others.filter_map(|solution| sketched(events, solution));
-        let typical = fit(
-            events,
-            &model,
-            &with_a_lag(&model, &free),
-            &free,
-            &coarse,
-            cancel,
-        );
-        let left = ComposedFit::minus_twice_log_posterior;
-        let with_motor = others.chain(typical).filter(|fit| !has_no_motor(fit));
-        let best = with_motor.min_by(|a, b| left(a).total_cmp(&left(b)));
-        let lower = best.map(|fit| refined(events, fit));
-        all = lower.filter(|fit| left(fit) < left(&all)).unwrap_or(all);
+        let typical = with_a_lag(&model, &free);
+        let typical = fit(events, &model, &typical, &free, &coarse, cancel);
+        all = or_with_a_motor(all, others.chain(typical), |fit| refined(events, fit));
     }
     let mut result = Baseline {
         structure: structure.clone(),
@@ -349,6 +339,19 @@ pub fn baseline(
         }
     }
     Some(result)
+}
+
+/// The lowest of `sketches` that have a motor, brought to its end, where that is lower than `all`, which has none.
+fn or_with_a_motor(
+    all: ComposedFit,
+    sketches: impl Iterator<Item = ComposedFit>,
+    refined: impl Fn(ComposedFit) -> ComposedFit,
+) -> ComposedFit {
+    let left = ComposedFit::minus_twice_log_posterior;
+    let with_motor = sketches.filter(|fit| !has_no_motor(fit));
+    let best = with_motor.min_by(|a, b| left(a).total_cmp(&left(b)));
+    let lower = best.map(refined).filter(|fit| left(fit) < left(&all));
+    lower.unwrap_or(all)
 }
 
 /// An ordinary load with the effects of `fit`; none where that follows the events.

@@ -213,13 +213,10 @@ mod tests {
         let drive = Drive::new(&input, &[], 0.3);
         let with = model.simulate(&p, &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
-        let more = |t: f64| {
-            let k = (t * 60.0).round() as usize;
-            with.active[k] - without.active[k]
-        };
-        // 0.1 (4.4 - 1) = 0.34 while all stand, half of it once half of them run.
-        for (t, expected) in [(0.8, 0.34), (1.5, 0.17), (2.3, 0.34), (3.0, 0.17)] {
-            assert!((more(t) - expected).abs() < 1e-3, "{t}: {}", more(t));
+        // 0.1 (4.4 - 1) = 0.34 while all stand, half of it once half of them run: at 0.8, 1.5, 2.3 and 3 s.
+        for (k, expected) in [(48, 0.34), (90, 0.17), (138, 0.34), (180, 0.17)] {
+            let more = with.active[k] - without.active[k];
+            assert!((more - expected).abs() < 1e-3, "{k}: {more}");
         }
     }
 
