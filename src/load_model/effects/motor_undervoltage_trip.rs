@@ -113,7 +113,9 @@ impl Declared for MotorUndervoltageTrip {
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         // Motors that come back draw an inrush: at a wrong moment it is worse than none.
-        let returns_s = [0.06, 0.1, 0.15, 0.22, 0.33, 0.5, 0.8, 1.5, 300.0];
+        let returns_s = [
+            0.06, 0.08, 0.1, 0.125, 0.15, 0.18, 0.22, 0.27, 0.33, 0.4, 0.48, 0.6, 0.8, 1.5, 300.0,
+        ];
         let mut points = Vec::new();
         for (opening_s, returns_s) in [(0.01, &returns_s[..]), (0.05, &[0.4, 300.0])] {
             for return_time_s in returns_s {
