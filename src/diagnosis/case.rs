@@ -191,13 +191,15 @@ impl<'a> Case<'a> {
     /// The fits from which effects start, of a structure built up effect by effect.
     pub(super) fn baseline(&self, structure: &Structure) -> Result<Baseline, IdentificationError> {
         let plain = structure.plain_part();
-        if self.found.solutions.is_empty() {
-            return Err(IdentificationError::NoSolution);
-        }
+        let best = self
+            .found
+            .solutions
+            .first()
+            .ok_or(IdentificationError::NoSolution)?;
         let built = composed::baseline(
             &self.judged,
             &plain,
-            &self.found.solutions,
+            best,
             &self.problem,
             &self.options.composed,
             self.watcher.cancel,

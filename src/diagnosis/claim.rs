@@ -1,6 +1,6 @@
 //! What may be said of the trials: figures in, a decision with its reasons out. No model here.
 
-use std::cmp::Ordering;
+use std::{cmp::Ordering, ops::RangeInclusive};
 
 use super::options::ClaimOptions;
 
@@ -71,7 +71,8 @@ const SILENT_FALLS: f64 = 2.0;
 /// A model that leaves less than this many times the floor is adequate.
 pub(super) const ADEQUATE_FLOORS: f64 = 2.0;
 
-fn is_adequate(chi_square: f64, options: &ClaimOptions) -> bool {
+/// Whether what a model leaves counts as adequate, unless events depart from it for a while.
+pub(super) fn is_adequate(chi_square: f64, options: &ClaimOptions) -> bool {
     chi_square < ADEQUATE_FLOORS * options.floor
 }
 
@@ -185,11 +186,6 @@ pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
             && left < options.near_left_share
 }
 
-/// Whether what it leaves counts as adequate, unless events depart from the model for a while.
-pub(super) fn leaves_adequate(evidence: &Evidence, options: &ClaimOptions) -> bool {
-    is_adequate(evidence.chi_square_after, options)
-}
-
 /// What is left above the floor, as a share of what was.
 fn left_share(evidence: &Evidence, options: &ClaimOptions) -> f64 {
     let left = (evidence.chi_square_after - options.floor).max(0.0);
@@ -253,6 +249,15 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
     let place = |i: &usize| order(&list[*i].0, list[*i].0.delta_bic, options);
     chosen.sort_by(|a, b| earlier(place(a), place(b)));
     chosen
+}
+
+/// Parts of an effect that are told from none and from the whole: thresholds are known to no more than that.
+const PARTS: RangeInclusive<f64> = 0.1..=0.9;
+
+/// Whether none of the lowest voltages of events lies clearly between `first` and `span` below it, where an effect acts
+/// in part, pu.
+pub(super) fn shows_no_part(first: f64, span: f64, mut lowest: impl Iterator<Item = f64>) -> bool {
+    !lowest.any(|voltage| PARTS.contains(&((first - voltage) / span)))
 }
 
 /// What decides the order of effects that are not told apart: see [`order`].
@@ -506,6 +511,14 @@ mod tests {
     }
 
     #[test]
+    fn a_dip_shows_a_part_clearly_within_the_band_only() {
+        let shows_none = |lowest: &[f64]| shows_no_part(0.75, 0.05, lowest.iter().copied());
+        assert!(shows_none(&[0.9, 0.749, 0.702, 0.68]));
+        assert!(!shows_none(&[0.9, 0.72]));
+        assert!(shows_none(&[]));
+    }
+
+    #[test]
     fn between_equals_the_held_out_events_decide() {
         let options = ClaimOptions::default();
         let with_gate = |delta_bic, after| {
@@ -539,8 +552,8 @@ mod tests {
             chi_square_before: 2.6,
             ..evidence(-500.0, after, true)
         };
-        assert!(!reaches(&half(1.7), &options) && !leaves_adequate(&half(1.7), &options));
-        assert!(!reaches(&half(1.3), &options) && leaves_adequate(&half(1.3), &options));
+        assert!(!reaches(&half(1.7), &options) && !is_adequate(1.7, &options));
+        assert!(!reaches(&half(1.3), &options) && is_adequate(1.3, &options));
         assert!(reaches(&half(1.0), &options));
         let far = [
             (evidence(-5000.0, 1.5, true), true),

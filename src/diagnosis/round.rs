@@ -3,8 +3,7 @@
 use super::{
     case::Case,
     claim::{
-        ADEQUATE_FLOORS, Evidence, answer_set, companions_or_rivals, decisive, leaves_adequate,
-        objections, reaches,
+        Evidence, answer_set, companions_or_rivals, decisive, is_adequate, objections, reaches,
     },
     departures::departures,
     equals::beside_companions,
@@ -304,7 +303,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
     let status = status_of(&list[place]);
     let follows = || {
         let fit = list[place].fit.as_ref();
-        leaves_adequate(evidence, options)
+        is_adequate(evidence.chi_square_after, options)
             && fit.is_some_and(|fit| departures(case, fit).is_empty())
     };
     if reaches(evidence, options) || decisive(&judged, &equals, options) || follows() {
@@ -431,7 +430,7 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
             Status::CannotJudge,
             "one event cannot show whether what explains it holds for others".to_owned(),
         )
-    } else if chi_square < ADEQUATE_FLOORS * options.floor {
+    } else if is_adequate(chi_square, options) {
         let departures = departures(case, &base.baseline.all);
         if !departures.is_empty() {
             return unknown_where(case, chi_square, departures);
@@ -484,7 +483,7 @@ fn companion_decision(
     answer: Vec<usize>,
 ) -> Decision {
     let chi_square = with.chi_square();
-    let enough = chi_square < ADEQUATE_FLOORS * case.options.claim.floor;
+    let enough = is_adequate(chi_square, &case.options.claim);
     let after = own
         .evidence
         .as_ref()

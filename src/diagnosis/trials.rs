@@ -1,11 +1,9 @@
 //! Every effect of the catalogue tried on top of a fitted structure: screened by its linear score,
 //! the best refitted, and those that may be claimed held against the gate.
 
-use std::ops::RangeInclusive;
-
 use super::{
     case::Case,
-    claim::{Evidence, GateEvidence, objections},
+    claim::{Evidence, GateEvidence, objections, shows_no_part},
     options::DiagnosisOptions,
 };
 use crate::{
@@ -13,7 +11,6 @@ use crate::{
         IdentificationError, ParameterEstimate,
         composed::{self, Baseline, ComposedFit, Ground, Score, Screened, has_no_motor},
         composed_parameters,
-        intake::PreparedEvent,
     },
     load_model::{
         Structure,
@@ -52,9 +49,6 @@ const BEATEN: f64 = 10.0;
 const LOWERED_SHARE: f64 = 0.5;
 /// ... which is looked after in all but the last of so many rounds of trials.
 const LOWERED_MAX: usize = 3;
-
-/// Parts of an effect that are told from none and from the whole: thresholds are known to no more than that.
-const PARTS: RangeInclusive<f64> = 0.1..=0.9;
 
 /// One effect on top of a structure.
 pub(super) struct Trial {
@@ -418,7 +412,7 @@ fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) 
     }
 }
 
-/// Whether an effect acts in parts between two voltages, and no event's lowest voltage lies clearly between them.
+/// Whether an effect acts in parts between two voltages, and no event's lowest voltage shows a part.
 fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool {
     let shape = |shape: &str| {
         let index = added.model.index(&format!("{name}.{shape}"))?;
@@ -428,16 +422,9 @@ fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool
         let (first, span) = (shape(effect.threshold()?)?, shape(effect.span()?)?);
         Some((first, span))
     });
-    band.is_some_and(|(first, span)| {
-        let acts = |event: &PreparedEvent| {
-            (first - event.v0_pu * event.input.lowest_voltage()) / span.max(f64::MIN_POSITIVE)
-        };
-        !case
-            .judged
-            .iter()
-            .map(acts)
-            .any(|part| PARTS.contains(&part))
-    })
+    let lowest = case.judged.iter();
+    let lowest = lowest.map(|event| event.v0_pu * event.input.lowest_voltage());
+    band.is_some_and(|(first, span)| shows_no_part(first, span, lowest))
 }
 
 fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {

@@ -172,10 +172,10 @@ fn compose(
             IdentificationError::NoSolution
         }
     };
+    let best = found.solutions.first().ok_or_else(failed)?;
     let options = ComposedFitOptions::default();
     let missing = structure.names().into_iter().filter(|n| !plain.contains(n));
-    let mut built =
-        baseline(events, &plain, &found.solutions, problem, &options, cancel).ok_or_else(failed)?;
+    let mut built = baseline(events, &plain, best, problem, &options, cancel).ok_or_else(failed)?;
     for effect in missing {
         let next = built.with(events, &effect, &options, cancel)?;
         built = next.ok_or_else(failed)?;

@@ -36,8 +36,6 @@ const BENT: f64 = 4.0;
 const BENT_WITHOUT_MOTOR: f64 = 1.0;
 /// ... its share or kappa being within this part of their range from the least.
 const NO_MOTOR: f64 = 1e-3;
-/// Solutions after the best from which it is sought again.
-const OTHERS_MAX: usize = 3;
 /// Where fits of the static load's lag begin, s: at nothing, a jump between two instants says nothing of it.
 const STATIC_LAG_S: f64 = 0.002;
 /// Below this rate no sample near a jump tells a lag of milliseconds from when the voltage jumped: there is none.
@@ -263,14 +261,13 @@ impl Baseline {
     }
 }
 
-/// Starts from the best of `solutions`, those of the plain search on all `events`, best first. Where that leads to a fit
-/// without the motor that does not follow them, from others with one and from an ordinary load too. `None` when
-/// there is none, it cannot be simulated or the caller asked to stop.
+/// Starts from `best`, the plain search's solution on all `events`. `None` when it cannot be
+/// simulated or the caller asked to stop.
 #[must_use]
 pub fn baseline(
     events: &[PreparedEvent],
     structure: &Structure,
-    solutions: &[FitSolution],
+    best: &FitSolution,
     problem: &ProblemOptions,
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
@@ -291,14 +288,7 @@ pub fn baseline(
         let found = near.then(|| fit(events, &model, &sketch.parameters, &free, options, cancel));
         found.flatten().unwrap_or(sketch)
     };
-    let mut all = refined(events, sketched(events, solutions.first()?)?);
-    if has_no_motor(&all) && all.chi_square_per_row() >= BENT_WITHOUT_MOTOR {
-        let others = solutions.iter().skip(1).take(OTHERS_MAX);
-        let others = others.filter_map(|solution| sketched(events, solution));
-        let typical = with_a_lag(&model, &free);
-        let typical = fit(events, &model, &typical, &free, &coarse, cancel);
-        all = or_with_a_motor(all, others.chain(typical), |fit| refined(events, fit));
-    }
+    let all = refined(events, sketched(events, best)?);
     let mut result = Baseline {
         structure: structure.clone(),
         ordinary: ordinary(events, &all, options, cancel),
@@ -339,19 +329,6 @@ pub fn baseline(
         }
     }
     Some(result)
-}
-
-/// The lowest of `sketches` that have a motor, brought to its end, where that is lower than `all`, which has none.
-fn or_with_a_motor(
-    all: ComposedFit,
-    sketches: impl Iterator<Item = ComposedFit>,
-    refined: impl Fn(ComposedFit) -> ComposedFit,
-) -> ComposedFit {
-    let left = ComposedFit::minus_twice_log_posterior;
-    let with_motor = sketches.filter(|fit| !has_no_motor(fit));
-    let best = with_motor.min_by(|a, b| left(a).total_cmp(&left(b)));
-    let lower = best.map(refined).filter(|fit| left(fit) < left(&all));
-    lower.unwrap_or(all)
 }
 
 /// An ordinary load with the effects of `fit`; none where that follows the events.

@@ -2,7 +2,10 @@
 
 use super::{
     Baseline, ComposedFitOptions, Ground, fit, has_no_motor, narrowed,
-    operating_point::at_operating_point, refine, with_levels_of,
+    operating_point::at_operating_point,
+    refine,
+    rows::{Scatter, random_effects},
+    with_levels_of,
 };
 use crate::{
     disturbance::{Closing, Trigger, Window},
@@ -202,7 +205,8 @@ fn residuals_that_last_make_stated_errors_larger() {
     let mut lasting = white.clone();
     for event in &mut lasting {
         for (k, active) in event.active.iter_mut().enumerate() {
-            *active += 2e-3 * (0.05 * k as f64).sin();
+            // Half a second: faster than any parameter can follow, slower than a sample.
+            *active += 8e-4 * (0.2 * k as f64).sin();
         }
     }
     let options = ComposedFitOptions::default();
@@ -216,10 +220,7 @@ fn residuals_that_last_make_stated_errors_larger() {
     };
     let (white, lasting) = (largest(&white), largest(&lasting));
     assert!(white < 1.1, "{white}");
-    assert!(
-        lasting > 1.08 && lasting > 1.05 * white,
-        "{lasting} {white}"
-    );
+    assert!(lasting > 1.8, "{lasting}");
 }
 
 #[test]
@@ -361,6 +362,24 @@ fn a_motor_whose_share_or_kappa_has_run_to_its_least_is_none() {
         let index = model.index(name).unwrap();
         fit.parameters[index] = model.parameters()[index].declaration.lower;
         assert_eq!(has_no_motor(&fit), expected, "{name}");
+    }
+}
+
+#[test]
+fn a_motor_of_next_to_no_share_hardly_varies() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let share = model.index("motor_share").unwrap();
+    let scatter = Scatter::default();
+    let spread = |value: f64| {
+        let mut parameters = model.typical();
+        parameters[share] = value;
+        let effects = random_effects(&model, &parameters, &scatter);
+        let found = effects.iter().find(|(index, _)| *index == share);
+        found.unwrap().1
+    };
+    assert!((spread(0.02) - 0.002).abs() < 1e-12);
+    for common in [0.25, 0.6] {
+        assert!((spread(common) - scatter.composition[0]).abs() < 1e-12);
     }
 }
 
