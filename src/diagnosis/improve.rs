@@ -319,13 +319,14 @@ impl<'a> Stairs<'a> {
         };
         let origins = [&origin];
         let ground = Ground::new(&case.judged, &fewer.structure, &origins, options, cancel);
+        let left: f64 = self.at.all.squares.iter().sum();
         let mut best: Option<(f64, &str, ComposedFit)> = None;
         for new in addable(&fewer.structure, case.options) {
             if new == old || !alike(old, new) {
                 continue;
             }
             case.watcher.says(format!("trying {new} for {old}"), 0, 1);
-            let sketched = fewer.sketched(&ground, &ground.screen(new)?);
+            let sketched = fewer.sketched(&ground, &ground.screen(new)?, left);
             case.watcher.check()?;
             let Some(fit) = sketched else { continue };
             let criterion = fit.criterion();
@@ -338,7 +339,6 @@ impl<'a> Stairs<'a> {
         };
         let fit = refine(&case.judged, fit, new, options, cancel);
         case.watcher.check()?;
-        let left: f64 = self.at.all.squares.iter().sum();
         let told = EXCHANGE_DELTA_BIC.max(EXCHANGE_SHARE_OF_LEFT * left);
         if fit.criterion() > self.at.all.criterion() - told {
             return Ok(None);

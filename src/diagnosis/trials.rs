@@ -3,7 +3,7 @@
 
 use super::{
     case::Case,
-    claim::{Evidence, GateEvidence, objections, shows_no_part},
+    claim::{Evidence, GateEvidence, objections, shows_no_part, told_apart},
     options::DiagnosisOptions,
 };
 use crate::{
@@ -43,6 +43,14 @@ const REFINED_MAX: usize = 5;
 const FOLLOWED: f64 = 2.0;
 /// ... none whose sketch leaves more than this many times what the best one leaves.
 const BEATEN: f64 = 10.0;
+
+/// A rival of an effect that brings the misfit down to the noise must come down to this many times what that one
+/// leaves, ...
+const RIVAL_OF_REACHED: f64 = 1.25;
+/// ... one of an effect with which the events are followed to this many times.
+const RIVAL_OF_FOLLOWED: f64 = 2.0;
+/// ... and one of an effect that leaves more than that, but a score still says something, to this many times.
+const RIVAL_OF_NEAR: f64 = 3.0;
 
 /// An effect that leaves less than this share of what was left before may have helped the structure's own fit
 /// on, ...
@@ -143,13 +151,17 @@ fn tried(
         .count()
         .min(case.options.refits_max);
     let mut least = base.chi_square();
+    let mut wanted = wanted(case, base);
     let both = list.iter_mut().zip(&screens).filter(|(t, _)| worth(t));
     for (done, (trial, screened)) in both.take(refits).enumerate() {
         case.watcher
             .says(format!("trying {}", trial.name()), done, refits);
         trial.tried = true;
-        trial.fit = base.baseline.sketched(&ground, screened);
+        trial.fit = base.baseline.sketched(&ground, screened, wanted);
         case.watcher.check()?;
+        if let Some(fit) = &trial.fit {
+            wanted = wanted.min(wanted_beside(case, base, fit));
+        }
         let Some(fit) = trial.fit.as_ref().filter(|_| may_lower) else {
             continue;
         };
@@ -169,16 +181,47 @@ fn tried(
         by_criterion.then_with(|| b.score.gain.total_cmp(&a.score.gain))
     });
     rank(&mut list);
-    for (place, trial) in list.iter_mut().enumerate() {
-        case.watcher.check()?;
-        let claimable = |e: &Evidence| objections(e, &case.options.claim).is_empty();
-        // Whatever might be claimed is held against the gate; of the others the best are, for the table and
-        // because the gate may tell that the model is not at the floor.
-        if place < GATED_MIN || trial.evidence.as_ref().is_some_and(claimable) {
-            hold_against_gate(case, base, trial);
-        }
-    }
+    hold_against_gate(case, base, &mut list)?;
     Ok(Tried::All(list))
+}
+
+/// Weighted squares that an effect must come down to for a claim, whatever else speaks for it.
+fn wanted(case: &Case<'_>, base: &Fitted) -> f64 {
+    let claim = &case.options.claim;
+    let before: f64 = base.baseline.all.squares.iter().sum();
+    let share = [
+        claim.fall_min,
+        claim.fall_min_at_floor,
+        claim.distinct_fall_min,
+    ];
+    let share = share.into_iter().fold(f64::INFINITY, f64::min);
+    (before * (1.0 - share)).min(before - claim.delta_bic_min)
+}
+
+/// The same beside another effect that leaves what `other` leaves: what cannot come near it is no rival.
+fn wanted_beside(case: &Case<'_>, base: &Fitted, other: &ComposedFit) -> f64 {
+    let sum = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
+    let (before, after) = (sum(&base.baseline.all), sum(other));
+    let refined = before - REFINED_SHARE * (before - after);
+    let per_row = other.chi_square_per_row();
+    let claim = &case.options.claim;
+    let factor = if per_row < claim.reached_floors * claim.floor {
+        RIVAL_OF_REACHED
+    } else if per_row < FOLLOWED {
+        RIVAL_OF_FOLLOWED
+    } else if per_row < FAR_PER_ROW {
+        RIVAL_OF_NEAR
+    } else {
+        f64::INFINITY
+    };
+    refined.min(factor * after)
+}
+
+/// The same beside all that were tried.
+fn wanted_beside_all(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> f64 {
+    let fits = list.iter().filter_map(|trial| trial.fit.as_ref());
+    let beside = fits.map(|fit| wanted_beside(case, base, fit));
+    beside.fold(wanted(case, base), f64::min)
 }
 
 /// What every motor does more or less: at the floor it needs what other effects need, however far it
@@ -276,9 +319,10 @@ fn rivals_from_the_best(
         .filter(|place| has_threshold(&list[*place]))
         .take(RIVALS_MAX)
         .collect();
+    let wanted = wanted_beside_all(case, base, list);
     let is_rival = |(place, trial)| rivals.contains(&place).then_some(trial);
     let rivals = list.iter_mut().enumerate().filter_map(is_rival);
-    sketched_again(case, base, &origin, rivals)
+    sketched_again(case, base, &origin, wanted, rivals)
 }
 
 /// Where the best effect follows the events without the motor, it is sketched once more with everything else as the
@@ -299,8 +343,9 @@ fn with_the_motor_of_another(
         let fit = list[place].fit.as_ref()?;
         (base.baseline).with_values_of(&case.judged, fit, options, case.watcher.cancel)
     });
+    let wanted = wanted(case, base);
     origin.map_or(Ok(()), |origin| {
-        sketched_again(case, base, &origin, [&mut list[best]])
+        sketched_again(case, base, &origin, wanted, [&mut list[best]])
     })
 }
 
@@ -319,6 +364,7 @@ fn sketched_again<'t>(
     case: &Case<'_>,
     base: &Fitted,
     origin: &ComposedFit,
+    wanted: f64,
     trials: impl IntoIterator<Item = &'t mut Trial>,
 ) -> Result<(), IdentificationError> {
     let origins = [origin];
@@ -336,7 +382,7 @@ fn sketched_again<'t>(
             .says(format!("trying {} again", trial.name()), 0, 1);
         let found = base
             .baseline
-            .sketched(&ground, &ground.screen(trial.name())?);
+            .sketched(&ground, &ground.screen(trial.name())?, wanted);
         case.watcher.check()?;
         let known = trial
             .fit
@@ -369,9 +415,11 @@ fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), Iden
     order.sort_by(|a, b| b.1.total_cmp(&a.1));
     let ended = list.iter().filter(|trial| trial.evidence.is_some());
     let mut least = ended.map(left).fold(f64::INFINITY, f64::min);
+    let mut wanted = wanted_beside_all(case, base, list);
     for (number, (place, gain)) in order.into_iter().enumerate() {
         let trial = &mut list[place];
-        let beaten = least < FOLLOWED && left(trial) > BEATEN * least;
+        let given_up = trial.fit.as_ref().is_some_and(|fit| fit.given_up);
+        let beaten = given_up || least < FOLLOWED && left(trial) > BEATEN * least;
         let Some(mut fit) = trial.fit.take() else {
             continue;
         };
@@ -381,10 +429,11 @@ fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), Iden
                 number,
                 REFINED_MAX,
             );
-            let options = &case.options.composed;
+            let options = &case.options.composed.wanting(wanted);
             let cancel = case.watcher.cancel;
             fit = composed::refine(&case.judged, fit, trial.declaration.name, options, cancel);
             case.watcher.check()?;
+            wanted = wanted.min(wanted_beside(case, base, &fit));
             least = least.min(fit.chi_square_per_row());
         }
         trial.evidence = Some(evidence(case, base, trial, &fit));
@@ -427,11 +476,37 @@ fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool
     band.is_some_and(|(first, span)| shows_no_part(first, span, lowest))
 }
 
-fn hold_against_gate(case: &Case<'_>, base: &Fitted, trial: &mut Trial) {
-    let after = trial.fit.as_ref().and_then(|fit| case.gate_misfit(fit));
-    if let (Some(before), Some(after), Some(evidence)) = (base.gate, after, &mut trial.evidence) {
-        evidence.gate = Some(GateEvidence { before, after });
+/// Holds against the gate, of trials whose best come first, whatever might be claimed and come near the first that
+/// is; of the others the best, for the table and because the gate may tell that the model is not at the floor.
+fn hold_against_gate(
+    case: &Case<'_>,
+    base: &Fitted,
+    list: &mut [Trial],
+) -> Result<(), IdentificationError> {
+    let options = &case.options.claim;
+    let claimable = |e: &Evidence| objections(e, options).is_empty();
+    // What is behind this in the criterion is no rival of the first that may be claimed.
+    let mut near = f64::INFINITY;
+    for (place, trial) in list.iter_mut().enumerate() {
+        case.watcher.check()?;
+        let Some(evidence) = &mut trial.evidence else {
+            continue;
+        };
+        let may = claimable(evidence) && evidence.delta_bic <= near;
+        if place >= GATED_MIN && !may {
+            continue;
+        }
+        let after = trial.fit.as_ref().and_then(|fit| case.gate_misfit(fit));
+        if let (Some(before), Some(after)) = (base.gate, after) {
+            evidence.gate = Some(GateEvidence { before, after });
+        }
+        if near.is_infinite() && claimable(evidence) {
+            let (left, squares) = (evidence.chi_square_after, evidence.squares_after);
+            let behind = told_apart(left, squares, -evidence.delta_bic, options);
+            near = evidence.delta_bic + behind;
+        }
     }
+    Ok(())
 }
 
 /// Whether a parameter lies on a bound that says the effect has to be stretched to describe the data:

@@ -79,6 +79,8 @@ pub enum Place {
     States,
     /// [`Equations::measure`].
     Measurement,
+    /// [`Equations::static_lag_s`].
+    StaticLag,
 }
 
 /// What the recordings must contain before the effect can be seen at all.
@@ -282,6 +284,11 @@ pub trait Equations<S: Elementary> {
 
     /// Changes the frequency deviation (pu, at the output instants) that the other effects see.
     fn frequency(&self, _p: &[S], _time_s: &[f64], _deviation: &mut [S]) {}
+
+    /// Time constant of the lag through which the static load sees its voltage, s.
+    fn static_lag_s(&self, _p: &[S]) -> S {
+        S::constant(0.0)
+    }
 
     /// Takes the states over one step.
     fn advance(&self, _p: &[S], _x: &mut [S], _step: &Step<S>, _rest: &Rest<S>) {}

@@ -264,6 +264,12 @@ impl<A: Ask> Solver<'_, A> {
                     },
                 );
             }
+            let wanted = self.options.wanted;
+            let out_of_reach =
+                |promised: &f64| at.expansion.value - options::REACH * promised > wanted;
+            if let Some(promised) = promise.filter(out_of_reach) {
+                return (at, Termination::OutOfReach { promised, wanted });
+            }
             let moved = if promise.is_none() && model.gradient_promise() <= tolerance {
                 self.leave_saddle(&at, &model).await
             } else {

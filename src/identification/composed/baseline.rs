@@ -2,8 +2,9 @@
 //! fits badly, on the mildest of them only, whose voltage stayed above any threshold.
 
 use super::{
-    extend::{Ground, Screened, refine},
+    extend::{Ground, Screened},
     fit::{ComposedFit, ComposedFitOptions, fit, unfitted},
+    refine::refine,
     rows::EventRows,
 };
 use crate::{
@@ -112,7 +113,7 @@ impl Baseline {
     ) -> Result<Option<ComposedFit>, StructureError> {
         let ground = self.ground(events, options, cancel);
         let screened = ground.screen(effect)?;
-        let sketched = self.sketched(&ground, &screened);
+        let sketched = self.sketched(&ground, &screened, f64::INFINITY);
         let refined = sketched.map(|fit| refine(events, fit, effect, options, cancel));
         let followed = refined.filter(|fit| self.followed_by(fit));
         Ok(followed.or_else(|| ground.include(&screened, options)))
@@ -134,12 +135,21 @@ impl Baseline {
 
     /// A coarse fit with one more effect to all events, from both origins: enough to compare it with
     /// other effects; [`refine`] fits it to the end. `None` where no start could be simulated, or none
-    /// led to where the events are followed as well as without the effect.
+    /// led to where the events are followed as well as without the effect. Given up where the weighted squares
+    /// `wanted` are out of reach.
     #[must_use]
-    pub fn sketched(&self, ground: &Ground<'_>, screened: &Screened) -> Option<ComposedFit> {
-        let fit = ground.refit(screened)?;
+    pub fn sketched(
+        &self,
+        ground: &Ground<'_>,
+        screened: &Screened,
+        wanted: f64,
+    ) -> Option<ComposedFit> {
+        let fit = ground.refit(screened, wanted)?;
         if self.followed_by(&fit) {
             return Some(fit);
+        }
+        if fit.given_up {
+            return None;
         }
         // The covariances of its start may have hidden what it leaves: once more, with those of its end.
         let again = ground.again(screened, &fit);
@@ -238,7 +248,7 @@ impl Baseline {
             .filter(|_| all.chi_square_per_row() > BAD_FIT);
         if let Some((few, fit)) = bad {
             let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
-            let own = ground.refit(&ground.screen(effect)?);
+            let own = ground.refit(&ground.screen(effect)?, f64::INFINITY);
             let own = own.map(|fit| refine(few, fit, effect, options, cancel));
             if all.chi_square_per_row() > BENT {
                 // What the mild events have may lead where all of them did not.

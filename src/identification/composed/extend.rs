@@ -3,11 +3,10 @@
 
 use super::{
     base::Base,
-    fit::{ComposedFit, ComposedFitOptions, approached, fit_rows, unfitted},
-    relay_walk,
+    fit::{ComposedFit, ComposedFitOptions, approached, fit_rows},
+    refine::refine_rows,
     rows::EventRows,
     screening::{Candidate, Memory, Score, Screening, Step, thresholds},
-    threshold::settled,
 };
 use crate::{
     identification::intake::PreparedEvent,
@@ -39,8 +38,6 @@ const HANDICAP: f64 = 1.25;
 const FIRST_STAGE_EVALUATIONS: u64 = 10;
 /// Candidates that leave more than this multiple of what the best one leaves are not refitted.
 const LEFT_MAX: f64 = 1.5;
-/// Walks of the relays' settings after a fit, at most.
-const WALKS_MAX: usize = 3;
 /// Standard errors below this share of the prior's deviation come from the data.
 const DETERMINED: f64 = 0.7;
 /// Candidates whose gains differ by less than this share, and whose amplitudes do too, are one.
@@ -52,7 +49,7 @@ const VISIBILITY_MIN: f64 = 1e-4;
 
 /// What leaves more than this per row is simulated roughly: there effects are looked for and fitted by
 /// what is far greater.
-const ROUGH_ABOVE: f64 = 4.0;
+pub(super) const ROUGH_ABOVE: f64 = 4.0;
 /// What an effect is mistaken for is taken where that is better by this much.
 const MISTAKEN_GAIN: f64 = 1.0;
 /// Starts from one origin that leave the same to this share are one.
@@ -71,6 +68,17 @@ pub struct Ground<'a> {
     /// Coarse.
     options: ComposedFitOptions,
     cancel: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// Where a refit starts.
+struct Start {
+    /// The place of its origin.
+    origin: usize,
+    /// What it leaves: weighted squares, and later, once it was approached, per row with the noise alone.
+    left: f64,
+    parameters: Vec<f64>,
+    /// The refit from here, where it was made already.
+    whole: Option<ComposedFit>,
 }
 
 /// An effect looked for in what the origins leave.
@@ -217,9 +225,11 @@ impl<'a> Ground<'a> {
 
     /// Refits with the effect, coarsely and from its best candidates; the best is kept, for [`refine`].
     /// `None` where no start could be simulated, no candidate makes it visible, or none wants it with the
-    /// sign it can have.
+    /// sign it can have. It is given up where the weighted squares `wanted` are out of reach; near the events that is
+    /// known of all starts once it is known of the first.
     #[must_use]
-    pub fn refit(&self, screened: &Screened) -> Option<ComposedFit> {
+    pub fn refit(&self, screened: &Screened, wanted: f64) -> Option<ComposedFit> {
+        let options = &self.options.wanting(wanted);
         let promising = screened.candidates.iter().filter(|(_, c)| promises(c));
         let mut promising: Vec<(usize, Candidate)> = promising.cloned().collect();
         promising.sort_by(|a, b| a.1.left.total_cmp(&b.1.left));
@@ -232,8 +242,7 @@ impl<'a> Ground<'a> {
                 new
             })
         });
-        let left = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
-        let mut staged: Vec<(usize, ComposedFit)> = Vec::new();
+        let mut staged: Vec<Start> = Vec::new();
         let sizes = screened.effect.screened_at().len();
         let starts = STARTS.max(sizes) + usize::from(self.unfitted.is_some());
         for (number, candidate) in distinct(promising, starts) {
@@ -247,40 +256,69 @@ impl<'a> Ground<'a> {
             let Some(fit) = from.and_then(|from| step.effect_alone(&from)) else {
                 continue;
             };
-            let same = |(other, known): &(usize, ComposedFit)| {
-                *other == number && (left(known) - left(&fit)).abs() < SAME_LEFT * left(&fit)
+            let left = fit.squares.iter().sum::<f64>();
+            let same = |known: &Start| {
+                known.origin == number && (known.left - left).abs() < SAME_LEFT * left
             };
-            if !staged.iter().any(same) {
-                staged.push((number, fit));
+            if staged.iter().any(same) {
+                continue;
             }
+            let near = fit.chi_square_per_row() < ROUGH_ABOVE;
+            let early = wanted.is_finite() && staged.is_empty() && near;
+            let whole = if early {
+                step.fit(&fit.parameters, &step.all(), options)
+            } else {
+                None
+            };
+            if let Some(given_up) = whole.as_ref().filter(|fit| fit.given_up) {
+                return Some(given_up.clone());
+            }
+            staged.push(Start {
+                origin: number,
+                left,
+                parameters: fit.parameters,
+                whole,
+            });
         }
-        let least = staged
-            .iter()
-            .map(|(_, fit)| left(fit))
-            .fold(f64::INFINITY, f64::min);
+        let alone = (staged.iter().map(|start| start.left)).fold(f64::INFINITY, f64::min);
         // An ordinary load has not yet followed.
         let unfitted = |number: usize| self.unfitted == Some(number);
-        staged.retain(|(number, fit)| unfitted(*number) || left(fit) <= STAGED_LEFT_MAX * least);
+        staged.retain(|s| unfitted(s.origin) || s.left <= STAGED_LEFT_MAX * alone);
         // Far from the events the noise alone tells which starts lead anywhere.
-        let near = staged.into_iter().filter_map(|(number, fit)| {
-            let (parameters, left) = self.step(number, screened).approached(&fit.parameters)?;
-            Some((number, parameters, left))
+        let near = staged.into_iter().filter_map(|start| {
+            let step = self.step(start.origin, screened);
+            let (parameters, left) = step.approached(&start.parameters)?;
+            Some(Start {
+                parameters,
+                left,
+                ..start
+            })
         });
-        let mut near: Vec<(usize, Vec<f64>, f64)> = near.collect();
-        near.sort_by(|a, b| a.2.total_cmp(&b.2));
-        let least = near.first().map_or(0.0, |(.., left)| *left);
-        if least > ENDED_ABOVE {
+        let mut near: Vec<Start> = near.collect();
+        near.sort_by(|a, b| a.left.total_cmp(&b.left));
+        if near.first().is_some_and(|start| start.left > ENDED_ABOVE) {
             near.truncate(ENDED_MAX);
         }
-        let fits = near.iter().filter_map(|(number, parameters, _)| {
-            let step = self.step(*number, screened);
-            let fit = step.fit(parameters, &step.all())?;
+        let fits = near.into_iter().filter_map(|start| {
+            let step = self.step(start.origin, screened);
+            let whole = (start.whole).or_else(|| step.fit(&start.parameters, &step.all(), options));
+            let fit = whole?;
             // What both lead to is no better for having begun farther away.
-            let handicap = if unfitted(*number) { HANDICAP } else { 1.0 };
+            let handicap = if unfitted(start.origin) {
+                HANDICAP
+            } else {
+                1.0
+            };
             Some((handicap * evidence(&fit), step, fit))
         });
         let best = fits.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map(|(_, step, fit)| step.taken_for_another(fit))
+        best.map(|(_, step, fit)| {
+            if fit.given_up {
+                fit
+            } else {
+                step.taken_for_another(fit)
+            }
+        })
     }
 
     /// A refit once more, from its end.
@@ -305,91 +343,6 @@ impl<'a> Ground<'a> {
         };
         step.include()
     }
-}
-
-/// `fit`, of a structure to which `effect` was added last, fitted to the end; its threshold in the middle
-/// of where it may lie. As it was where that ends higher.
-#[must_use]
-pub fn refine(
-    events: &[PreparedEvent],
-    fit: ComposedFit,
-    effect: &str,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> ComposedFit {
-    let Some(effect) = effects::find(effect) else {
-        return fit;
-    };
-    let mut fit = fit;
-    if fit.chi_square_per_row() > ROUGH_ABOVE {
-        let of = |event| EventRows::with_accuracy(event, Accuracy::Rough);
-        let rough: Vec<EventRows<'_>> = events.iter().map(of).collect();
-        fit = refine_rows(&rough, &fit, effect, options, cancel);
-    }
-    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    // It may have been simulated roughly.
-    let (model, parameters) = (&fit.model, &fit.parameters);
-    let Some(begun) = unfitted(&rows, model, parameters, &fit.free, options, cancel) else {
-        return fit;
-    };
-    let fit = ComposedFit {
-        evaluations: fit.evaluations,
-        ..begun
-    };
-    if fit.chi_square_per_row() > ROUGH_ABOVE {
-        return fit;
-    }
-    refine_rows(&rows, &fit, effect, options, cancel)
-}
-
-fn refine_rows(
-    rows: &[EventRows<'_>],
-    fit: &ComposedFit,
-    effect: &'static dyn Effect,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> ComposedFit {
-    let found = fit_rows(
-        rows,
-        &fit.model,
-        &fit.parameters,
-        &fit.free,
-        options,
-        cancel,
-    );
-    let lower =
-        |found: &ComposedFit| found.minus_twice_log_posterior() <= fit.minus_twice_log_posterior();
-    let mut best = found.filter(lower).unwrap_or_else(|| fit.clone());
-    best.evaluations += fit.evaluations;
-    for _ in 0..WALKS_MAX {
-        let Some(walked) = walked(rows, &best, options, cancel) else {
-            break;
-        };
-        best = walked;
-    }
-    let step = Step {
-        rows,
-        model: &fit.model,
-        effect,
-        origin: fit,
-        options,
-        cancel,
-    };
-    settled(&step, best)
-}
-
-/// A fit begun where a walk of the relays' settings leads from `fit`; none where that is no lower.
-fn walked(
-    rows: &[EventRows<'_>],
-    fit: &ComposedFit,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Option<ComposedFit> {
-    let from = relay_walk::from_fit(rows, fit, options, cancel)?;
-    let mut found = fit_rows(rows, &fit.model, &from, &fit.free, options, cancel)?;
-    found.evaluations += fit.evaluations;
-    let gained = fit.minus_twice_log_posterior() - found.minus_twice_log_posterior();
-    (gained > relay_walk::WORTH).then_some(found)
 }
 
 /// Whether a candidate is worth a refit.
@@ -532,7 +485,7 @@ impl Step<'_> {
         let mut free = self.free_before();
         free.extend(amplitudes);
         free.sort_unstable();
-        self.fit(&from, &free)
+        self.fit(&from, &free, self.options)
     }
 
     /// Goes over to what the effect is mistaken for as long as that is better.
@@ -548,7 +501,7 @@ impl Step<'_> {
                     let declared = &self.model.parameters()[index].declaration;
                     from[index] = value.clamp(declared.lower, declared.upper);
                 }
-                self.fit(&from, &self.all())
+                self.fit(&from, &self.all(), self.options)
             });
             let least = begun.min_by(|a, b| evidence(a).total_cmp(&evidence(b)));
             match least.filter(|other| evidence(other) < evidence(&best) - MISTAKEN_GAIN) {
@@ -558,8 +511,13 @@ impl Step<'_> {
         }
     }
 
-    fn fit(&self, from: &[f64], free: &[usize]) -> Option<ComposedFit> {
-        fit_rows(self.rows, self.model, from, free, self.options, self.cancel)
+    fn fit(
+        &self,
+        from: &[f64],
+        free: &[usize],
+        options: &ComposedFitOptions,
+    ) -> Option<ComposedFit> {
+        fit_rows(self.rows, self.model, from, free, options, self.cancel)
     }
 
     /// Parameters of the effect, shared ones included.

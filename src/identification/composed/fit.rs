@@ -14,7 +14,7 @@ use super::{
 use crate::{
     identification::{evaluate::Curves, intake::PreparedEvent},
     load_model::composed::ComposedModel,
-    numerics::{LocalSolution, Objective, local_solver},
+    numerics::{LocalSolution, Objective, local_solver, local_solver::Termination},
 };
 
 /// Settings of a composed fit.
@@ -56,6 +56,19 @@ impl ComposedFitOptions {
         Self {
             rounds_max: 1,
             local,
+            ..*self
+        }
+    }
+
+    /// The same, for fits that are given up where `squares` (weighted, of all events) are out of reach.
+    #[must_use]
+    pub fn wanting(&self, squares: f64) -> Self {
+        let wanted = 0.5 * squares;
+        Self {
+            local: local_solver::Options {
+                wanted,
+                ..self.local
+            },
             ..*self
         }
     }
@@ -104,6 +117,8 @@ pub struct ComposedFit {
     pub covariance: Option<DMatrix<f64>>,
     /// Calls of the objective, one per joint simulation of all events.
     pub evaluations: u64,
+    /// Whether the fit was given up because what was wanted of it is out of reach.
+    pub given_up: bool,
 }
 
 impl ComposedFit {
@@ -179,9 +194,12 @@ pub(super) fn fit_rows(
     }
     // Renewed covariances may find the end of a round above where it began.
     let settled = fitting.settle();
-    let lower =
-        |fit: &ComposedFit| fit.minus_twice_log_posterior() <= begun.minus_twice_log_posterior();
-    Some(settled.filter(lower).unwrap_or(begun))
+    let most = begun.minus_twice_log_posterior();
+    let lower = |fit: &ComposedFit| fit.minus_twice_log_posterior() <= most;
+    Some(settled.filter(lower).unwrap_or(ComposedFit {
+        given_up: fitting.given_up,
+        ..begun
+    }))
 }
 
 /// The first part of a fit: where the noise alone leads from a start that is far from the events, and what is
@@ -225,6 +243,7 @@ struct Fitting<'a> {
     /// The simulation at `x`, where it is known.
     lowest: Option<Linearised>,
     evaluations: u64,
+    given_up: bool,
 }
 
 impl<'a> Fitting<'a> {
@@ -236,6 +255,7 @@ impl<'a> Fitting<'a> {
             x: place.coordinates.unknowns(start),
             lowest: None,
             evaluations: 0,
+            given_up: false,
         }
     }
 
@@ -271,8 +291,10 @@ impl<'a> Fitting<'a> {
             scatter: &scatter,
             ..self.place
         };
+        // What is wanted is told with what varies from event to event.
         let settings = local_solver::Options {
             evaluations_max: self.options.local.evaluations_max,
+            wanted: f64::INFINITY,
             ..self.coarse
         };
         let coordinates = self.place.coordinates;
@@ -327,14 +349,16 @@ impl<'a> Fitting<'a> {
             let far = 2.0 * found.value > FAR * count as f64;
             // Where steps of no length lead down, finer ones and the same covariances do not either.
             let mut stuck = is_stuck(&found);
-            if round == 1 && !far && !stuck && *local != first {
+            let given_up = matches!(found.termination, Termination::OutOfReach { .. });
+            if round == 1 && !far && !stuck && !given_up && *local != first {
                 found = solve(&found.x, local)?;
                 stuck = false;
             }
+            self.given_up = matches!(found.termination, Termination::OutOfReach { .. });
             self.x = found.x;
             self.lowest = problem.into_lowest();
             let settled = before - found.value < self.options.settled_relative * found.value;
-            if far || stuck || settled {
+            if far || stuck || settled || self.given_up {
                 break;
             }
             before = found.value;
@@ -347,7 +371,10 @@ impl<'a> Fitting<'a> {
             .place
             .finished(&self.x, self.lowest.take(), self.evaluations)?;
         self.lowest = lowest;
-        Some(fit)
+        Some(ComposedFit {
+            given_up: self.given_up,
+            ..fit
+        })
     }
 }
 
@@ -442,6 +469,7 @@ impl<'a> Place<'a> {
             rows: self.rows.iter().map(EventRows::count).sum(),
             covariance,
             evaluations,
+            given_up: false,
             parameters,
         };
         Some((fit, problem.into_lowest()))

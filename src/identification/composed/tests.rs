@@ -169,7 +169,7 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
     let ground = Ground::new(&events, &plain, &[&base], &options, &|| false);
     let screened = ground.screen("stator_resistance").unwrap();
     assert!(screened.best().unwrap().gain > 0.0);
-    let found = ground.refit(&screened).unwrap();
+    let found = ground.refit(&screened, f64::INFINITY).unwrap();
     assert!(
         (found.parameters[place] - 0.03).abs() < 0.002,
         "{:?}",
@@ -301,7 +301,7 @@ fn a_second_effect_is_seen_beside_one_whose_threshold_has_no_slope() {
     let options = ComposedFitOptions::default();
     let ground = Ground::new(&events, &one, &[&base], &options, &|| false);
     let screened = ground.screen(SECOND).unwrap();
-    let found = ground.refit(&screened).expect("a candidate");
+    let found = ground.refit(&screened, f64::INFINITY).expect("a candidate");
     assert!(found.chi_square_per_row() < 0.2 * base.chi_square_per_row());
     let share = found.parameters[both.index(&format!("{SECOND}.share")).unwrap()];
     assert!((share - 0.1).abs() < 0.03, "{share}");

@@ -18,6 +18,8 @@ use crate::{
 #[derive(Clone, Debug)]
 pub struct MotorCourse {
     description: MotorDescription<f64>,
+    /// Parameters of what motors see of the frequency, and of the static load's lag.
+    beside: Vec<f64>,
     grid: Arc<Grid>,
     kept: Kept,
 }
@@ -49,6 +51,7 @@ impl ComposedModel {
         self.pass::<f64>(drive, &grid, |i| parameters[i], &acting, course)?;
         Ok(Some(MotorCourse {
             description: self.described(parameters, &acting, drive),
+            beside: self.of_course(&acting).map(|i| parameters[i]).collect(),
             grid,
             kept,
         }))
@@ -74,6 +77,10 @@ impl ComposedModel {
         if !beside
             || !self.sees_the_measured_phasor(&acting)
             || self.described(parameters, &acting, drive) != motor.description
+            || !self
+                .of_course(&acting)
+                .map(|i| parameters[i])
+                .eq(motor.beside.iter().copied())
         {
             return Ok(None);
         }
@@ -112,15 +119,25 @@ impl ComposedModel {
         let (motor, active) = self.parts(variable, acting);
         let described = describe(drive, motor, &active);
         described.map(|x| x.derivative(0)) != described.map(|_| 0.0)
+            || self.of_course(acting).any(|i| i == index)
     }
 
+    /// The parameters of what motors see of the frequency, where that is not what was measured, and of the lag of the
+    /// static load: with those of the motor's description all on which the course of the motor and of the lag depends.
+    fn of_course(&self, acting: &[usize]) -> impl Iterator<Item = usize> + '_ {
+        let at = |e: usize, place: Place| self.effects[e].0.declaration().acts_on(place);
+        let acting: Vec<usize> = acting.to_vec();
+        let any = acting.iter().any(|&e| at(e, Place::MotorFrequency));
+        let of = move |e: &usize| {
+            any && (at(*e, Place::MotorFrequency) || at(*e, Place::Frequency))
+                || at(*e, Place::StaticLag)
+        };
+        (acting.into_iter().filter(of)).flat_map(|e| self.effects[e].1.iter().copied())
+    }
+
+    /// Whether nothing lies between what is measured and the load.
     pub(super) fn sees_the_measured_phasor(&self, acting: &[usize]) -> bool {
-        let others = [
-            Place::Feeder,
-            Place::Gain,
-            Place::Taps,
-            Place::MotorFrequency,
-        ];
+        let others = [Place::Feeder, Place::Gain, Place::Taps];
         let acts = |e: &usize| {
             let declaration = self.effects[*e].0.declaration();
             others.iter().any(|place| declaration.acts_on(*place))

@@ -11,7 +11,8 @@ use crate::numerics::Scalar;
 pub(super) struct Kept {
     /// Whether the states are wanted.
     states: bool,
-    motor: Arc<Vec<MotorState<f64>>>,
+    /// States of the motor, and the lagged voltage of the static load.
+    motor: Arc<Vec<(MotorState<f64>, f64)>>,
     /// States of the effects, instant after instant.
     effects: Vec<f64>,
     /// Solutions at the load, in the order in which they are looked for.
@@ -46,11 +47,12 @@ impl Kept {
             return;
         }
         let motor = &now.motor;
-        Arc::make_mut(&mut self.motor).push(MotorState {
+        let motor = MotorState {
             flux: motor.flux.map(S::value),
             second: motor.second.map(S::value),
             speed_rad_s: motor.speed_rad_s.value(),
-        });
+        };
+        Arc::make_mut(&mut self.motor).push((motor, now.lagged.value()));
         self.effects.extend(now.effects.iter().map(|x| x.value()));
     }
 
@@ -59,9 +61,10 @@ impl Kept {
         self.states = false;
     }
 
-    /// The motor's states at an output instant, as constants.
+    /// The states of motor and static load at an output instant, as constants.
     pub(super) fn restore_motor<S: Scalar>(&self, index: usize, now: &mut Now<S>) {
-        let motor = &self.motor[index];
+        let (motor, lagged) = &self.motor[index];
+        now.lagged = S::constant(*lagged);
         now.motor = MotorState {
             flux: motor.flux.map(S::constant),
             second: motor.second.map(S::constant),

@@ -25,6 +25,7 @@ mod places;
 mod run;
 mod runge_kutta;
 mod series;
+mod static_lag;
 
 #[cfg(test)]
 pub(super) mod contract;

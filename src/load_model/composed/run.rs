@@ -11,6 +11,7 @@ use super::{
     motor::{Motor, MotorState},
     places::{Acting, Places, product},
     series::{View, frequency_series, measure, seen},
+    static_lag::StaticLag,
 };
 use crate::load_model::{LinearCoefficients, MotorCoordinates, effect::Place};
 
@@ -46,6 +47,7 @@ struct Simulation<'r, 'a, S> {
     linear: [S; LinearCoefficients::COUNT],
     places: Places<'r, 'a, S>,
     network: Option<Network<S>>,
+    lag: Option<StaticLag<S>>,
     /// Whether the load sees another phasor than the measured one.
     coupled: bool,
     frequency: Vec<S>,
@@ -60,6 +62,8 @@ struct Simulation<'r, 'a, S> {
 pub(super) struct Now<S> {
     pub(super) motor: MotorState<S>,
     pub(super) effects: Vec<S>,
+    /// Voltage as the static load sees it.
+    pub(super) lagged: S,
     /// Phasor at the load over the measured one.
     ratio: [S; 2],
     secant: Secant,
@@ -72,6 +76,7 @@ impl<S: Pass> Now<S> {
     fn exchange(&mut self, other: &mut Self) {
         self.motor = other.motor;
         self.effects.copy_from_slice(&other.effects);
+        self.lagged = other.lagged;
         self.ratio = other.ratio;
         self.secant = other.secant;
         std::mem::swap(&mut self.solutions, &mut other.solutions);
@@ -128,6 +133,8 @@ pub(super) fn run<S: Pass>(
         time_s: &grid.time_s,
         coupled: network.is_some() || at(Place::Gain).chain(at(Place::Taps)).next().is_some(),
         network,
+        lag: (at(Place::StaticLag).next())
+            .map(|e| StaticLag::new(e.equations().static_lag_s(e.parameters()), &rest)),
         seen: seen(drive, grid, &frequency, effects),
         rest,
         linear,
@@ -143,6 +150,7 @@ pub(super) fn run<S: Pass>(
     let start = Now {
         motor: rest.motor.rest,
         effects: states,
+        lagged: S::constant(1.0),
         ratio: [S::constant(1.0), S::constant(0.0)],
         secant: Secant::PLAIN,
         solutions: Vec::new(),
@@ -276,18 +284,14 @@ impl<S: Pass> Simulation<'_, '_, S> {
             for j in 0..substeps {
                 let u = grid.phasors(terminal, sample, j, substeps);
                 let index = passed - 1;
-                if self.coupled || self.seen.is_some() {
-                    // Substeps since the last output and per output interval.
-                    let each = substeps / outputs;
-                    let share = |j: usize| (j % each) as f64 / each as f64;
-                    let from = self.moment(index, share(j));
-                    let to = self.moment(index, share(j) + 1.0 / each as f64);
-                    self.advance_coupled([&mut now, &mut trial], u, duration_s, [from, to])?;
+                // Substeps since the last output and per output interval.
+                let each = substeps / outputs;
+                let shares = [j % each, j % each + 1].map(|j| j as f64 / each as f64);
+                if self.coupled {
+                    let between = shares.map(|share| self.moment(index, share));
+                    self.advance_coupled([&mut now, &mut trial], u, duration_s, between)?;
                 } else {
-                    self.advance_effects_bare(&mut now, u, duration_s, index);
-                    if part == Part::All {
-                        now.motor = self.rest.motor.measured_step(&now.motor, u, duration_s);
-                    }
+                    self.advance_bare(&mut now, u, duration_s, (index, shares), part);
                 }
                 if j + 1 < substeps && ((j + 1) * outputs).is_multiple_of(substeps) {
                     emit(&mut now, &mut output, &mut passed)?;
@@ -334,18 +338,31 @@ impl<S: Pass> Simulation<'_, '_, S> {
         }
     }
 
-    /// A step of the effects in which the load sees the measured phasor.
-    fn advance_effects_bare(
+    /// A step in which the load sees the measured phasor, its ends at these shares of the output interval.
+    fn advance_bare(
         &self,
         now: &mut Now<S>,
         u: [[f64; 2]; 3],
         duration_s: f64,
-        index: usize,
+        (index, shares): (usize, [f64; 2]),
+        part: Part,
     ) {
+        let own = (self.seen.as_ref()).map(|_| self.seen_phasors(constants(u), index, shares));
+        let voltage = || u.map(|[re, im]| S::constant((re * re + im * im).sqrt()));
         if !self.places.states.is_empty() {
             let phasor = constants(u);
-            let voltage = u.map(|[re, im]| S::constant((re * re + im * im).sqrt()));
-            self.advance_effects(now, [phasor; 2], voltage, duration_s, index);
+            let motor_phasor = own.unwrap_or(phasor);
+            self.advance_effects(now, [phasor, motor_phasor], voltage(), duration_s, index);
+        }
+        if part == Part::All {
+            if let Some(lag) = &self.lag {
+                now.lagged = lag.advanced(now.lagged, voltage(), duration_s);
+            }
+            let motor = &self.rest.motor;
+            now.motor = match own {
+                Some(own) => motor.step(&now.motor, own, duration_s),
+                None => motor.measured_step(&now.motor, u, duration_s),
+            };
         }
     }
 
@@ -416,13 +433,18 @@ impl<S: Pass> Simulation<'_, '_, S> {
             complex::product(measured[2], ratio[2]),
         ];
         let motor_phasor = self.seen_phasors(phasor, from.index, [from.share, to.share]);
-        if !self.places.states.is_empty() {
+        if self.lag.is_some() || !self.places.states.is_empty() {
             let voltage = [
                 complex::modulus(phasor[0]),
                 complex::modulus(phasor[1]),
                 complex::modulus(phasor[2]),
             ];
-            self.advance_effects(now, [phasor, motor_phasor], voltage, duration_s, from.index);
+            if let Some(lag) = &self.lag {
+                now.lagged = lag.advanced(now.lagged, voltage, duration_s);
+            }
+            if !self.places.states.is_empty() {
+                self.advance_effects(now, [phasor, motor_phasor], voltage, duration_s, from.index);
+            }
         }
         now.motor = self.rest.motor.step(&now.motor, motor_phasor, duration_s);
     }
@@ -568,6 +590,11 @@ impl<S: Pass> Simulation<'_, '_, S> {
                 active = active + p;
                 reactive = reactive + q;
             }
+        }
+        if let Some(lag) = &self.lag {
+            let [p, q] = lag.power(now.lagged, voltage);
+            active = active + p;
+            reactive = reactive + q;
         }
         [active, reactive]
     }

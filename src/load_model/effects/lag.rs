@@ -7,8 +7,17 @@ use crate::{
 
 /// The state of `T z' = v - z` after a step from `from` to `to`.
 pub(super) fn lag<S: Elementary>(z: S, [from, to]: [S; 2], time_s: S, duration_s: f64) -> S {
+    decayed(z, [from, to], decay(time_s, duration_s))
+}
+
+/// The mean of a decay over a step, and what is left at its end.
+fn decay<S: Elementary>(time_s: S, duration_s: f64) -> [S; 2] {
     let x = S::constant(duration_s) / time_s;
-    to - (to - from) * mean_decay(x) + (z - from) * (-x).exp()
+    [mean_decay(x), (-x).exp()]
+}
+
+fn decayed<S: Elementary>(z: S, [from, to]: [S; 2], [mean, left]: [S; 2]) -> S {
+    to - (to - from) * mean + (z - from) * left
 }
 
 /// Below this share of a step nothing of an older state is left.
@@ -23,8 +32,9 @@ pub(super) fn lagged_voltage<S: Elementary>(z: S, step: &Step<S>, time_s: S) -> 
         // (1 - e^-x)/x is 1/x and e^-x nothing there.
         return end - (end - middle) * (time_s * (1.0 / half_s));
     }
-    let z = lag(z, [start, middle], time_s, half_s);
-    lag(z, [middle, end], time_s, half_s)
+    let decay = decay(time_s, half_s);
+    let z = decayed(z, [start, middle], decay);
+    decayed(z, [middle, end], decay)
 }
 
 #[cfg(test)]

@@ -15,7 +15,7 @@
 //! dP = k ((v/z)^2 - 1) + c_i v (v/z - 1)                 (2)
 //! ```
 //!
-//! more. The constant-impedance part does not notice. Valid while `v/z` stays below 3; it is held there.
+//! more (`composed::static_lag`). The constant-impedance part does not notice. Valid while `v/z` stays below 3; it is held there.
 //!
 //! Behind a feeder the step that finds the load's voltage holds `z`: at a lag of nothing, derivatives there are those of a
 //! lag shorter than the step, which differ by some thousandths near jumps. Values are not touched.
@@ -23,19 +23,11 @@
 //! Source: the load model `vfd_load` of RAMSES (STEPSS) by its manual, shown by running it (`docs/known-limits.md`); no
 //! measurement of a real load.
 
-use super::lag::lagged_voltage;
 use crate::{
-    load_model::{
-        Infeasible,
-        composed::{Instant, Rest, Step},
-        effect::{
-            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Prior, Scale, State,
-        },
+    load_model::effect::{
+        Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Prior, Scale,
     },
-    numerics::{
-        Elementary,
-        elementary::{at_least, at_most},
-    },
+    numerics::Elementary,
 };
 
 /// The lag of the static load.
@@ -59,11 +51,8 @@ const DECLARATION: Declaration = Declaration {
     kind: Kind::Physics,
     version: 1,
     parameters: &[STATIC_LAG],
-    states: &[State {
-        name: "lagged_voltage",
-        unit: "1",
-    }],
-    acts_on: &[Place::States, Place::Power],
+    states: &[],
+    acts_on: &[Place::StaticLag],
     excludes: &[],
     resembles: &["stator_resistance"],
     needs: Needs {
@@ -73,10 +62,6 @@ const DECLARATION: Declaration = Declaration {
     source: "RAMSES (STEPSS), vfd_load (verified by running it)",
 };
 
-/// `v/z` at most, and `z` at least.
-const RATIO_MAX: f64 = 3.0;
-const LAGGED_MIN: f64 = 0.02;
-
 impl Declared for StaticLag {
     fn declaration(&self) -> &'static Declaration {
         &DECLARATION
@@ -84,19 +69,8 @@ impl Declared for StaticLag {
 }
 
 impl<S: Elementary> Equations<S> for StaticLag {
-    fn initialise(&self, _p: &[S], _rest: &Rest<S>, x: &mut [S]) -> Result<(), Infeasible> {
-        x[0] = S::constant(1.0);
-        Ok(())
-    }
-
-    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
-        x[0] = lagged_voltage(x[0], step, p[0]); // (1)
-    }
-
-    fn power(&self, _p: &[S], x: &[S], at: &Instant<S>, rest: &Rest<S>) -> [S; 2] {
-        let ratio = at_most(at.voltage / at_least(x[0], LAGGED_MIN), RATIO_MAX);
-        let (square, line) = (ratio * ratio + -1.0, at.voltage * (ratio + -1.0));
-        [0, 1].map(|c| rest.static_constant[c] * square + rest.static_line[c] * line) // (2)
+    fn static_lag_s(&self, p: &[S]) -> S {
+        p[0]
     }
 }
 

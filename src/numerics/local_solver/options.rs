@@ -22,7 +22,14 @@ pub struct Options {
     /// How often a step out of the objective's domain is halved before the solver gives up; the
     /// next step begins with twice what was left. Default 45: to a step of 3e-14.
     pub halvings_max: u32,
+    /// The solver gives up where even [`REACH`] times what the undamped model promises does not lead down to
+    /// this objective. Default infinite: it never does.
+    pub wanted: f64,
 }
+
+/// Multiple of what the undamped model promises that a descent may still gain: models of curved valleys promise too
+/// little as often as too much.
+pub(super) const REACH: f64 = 4.0;
 
 impl Default for Options {
     fn default() -> Self {
@@ -33,6 +40,7 @@ impl Default for Options {
             step_relative: 1e-14,
             damping_initial: 1e-3,
             halvings_max: 45,
+            wanted: f64::INFINITY,
         }
     }
 }

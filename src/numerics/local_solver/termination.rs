@@ -42,6 +42,13 @@ pub enum Termination {
     },
     /// The caller asked to stop. A usable point, perhaps not a minimum.
     Cancelled,
+    /// What the caller wants is out of reach: `promised` several times is not enough. A usable point, not a minimum.
+    OutOfReach {
+        /// Decrease the undamped model promises.
+        promised: f64,
+        /// Objective that was wanted.
+        wanted: f64,
+    },
     /// The way down leads to a solution that the caller knows already; not followed to its end.
     Recognised,
 }
