@@ -94,6 +94,8 @@ pub const ERROR_TO_NOISE_FLOOR: f64 = 1.1;
 ///
 /// [`IdentificationError::NotSimulated`] as [`Case::errors`].
 pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, IdentificationError> {
+    case.watcher
+        .says("comparing with the measurements".to_owned(), 0, 1);
     let structure = &round.asked.baseline.structure;
     let fit = &case.narrowed(&round.asked.baseline.all);
     let curves = case.curves(structure, fit)?;

@@ -487,6 +487,7 @@ fn hold_against_gate(
     let claimable = |e: &Evidence| objections(e, options).is_empty();
     // What is behind this in the criterion is no rival of the first that may be claimed.
     let mut near = f64::INFINITY;
+    let count = list.len();
     for (place, trial) in list.iter_mut().enumerate() {
         case.watcher.check()?;
         let Some(evidence) = &mut trial.evidence else {
@@ -496,6 +497,8 @@ fn hold_against_gate(
         if place >= GATED_MIN && !may {
             continue;
         }
+        let what = format!("holding {} against other events", trial.declaration.name);
+        case.watcher.says(what, place, count);
         let after = trial.fit.as_ref().and_then(|fit| case.gate_misfit(fit));
         if let (Some(before), Some(after)) = (base.gate, after) {
             evidence.gate = Some(GateEvidence { before, after });

@@ -27,6 +27,9 @@ const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
 /// A start that leaves more than this multiple of what the best one leaves, the effect fitted alone, is
 /// not fitted any further.
 const STAGED_LEFT_MAX: f64 = 2.0;
+/// An effect whose best start is so many times as far as what is wanted, in the screen and fitted alone, is not looked
+/// at any further: screens and refits were up to 20 times apart.
+const OUT_OF_QUESTION: f64 = 50.0;
 /// Where the noise alone leaves more than this per row, the sketch is fitted with what varies from event to
 /// event ...
 const ENDED_ABOVE: f64 = 10.0;
@@ -262,6 +265,13 @@ impl<'a> Ground<'a> {
             };
             if staged.iter().any(same) {
                 continue;
+            }
+            let beyond = OUT_OF_QUESTION * wanted;
+            if staged.is_empty() && left > beyond && candidate.left > beyond {
+                return Some(ComposedFit {
+                    given_up: true,
+                    ..fit
+                });
             }
             let near = fit.chi_square_per_row() < ROUGH_ABOVE;
             let early = wanted.is_finite() && staged.is_empty() && near;
