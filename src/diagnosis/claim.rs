@@ -179,11 +179,17 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
 /// Whether an effect explains what is left so far that its name can stand for it: down to the floor,
 /// nearly all of it, or most of it and near the floor.
 pub(super) fn reaches(evidence: &Evidence, options: &ClaimOptions) -> bool {
-    let left = left_share(evidence, options);
-    evidence.chi_square_after < options.reached_floors * options.floor
-        || left < options.left_share
-        || evidence.chi_square_after < options.near_floors * options.floor
-            && left < options.near_left_share
+    evidence.chi_square_after < reached_below(evidence.chi_square_before, options)
+}
+
+/// What must be left less of, where `before` is left without the effect.
+pub(super) fn reached_below(before: f64, options: &ClaimOptions) -> f64 {
+    let floor = options.floor;
+    let share = |share: f64| floor + share * (before - floor).max(0.0);
+    let near = share(options.near_left_share).min(options.near_floors * floor);
+    share(options.left_share)
+        .max(options.reached_floors * floor)
+        .max(near)
 }
 
 /// What is left above the floor, as a share of what was.

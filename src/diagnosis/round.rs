@@ -8,7 +8,7 @@ use super::{
     departures::departures,
     equals::beside_companions,
     outcome::Status,
-    trials::{Fitted, Trial, addable, trials},
+    trials::{Fitted, Goal, Trial, addable, trials},
 };
 use crate::{
     identification::{
@@ -71,7 +71,7 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     let accompanied = companions(case, &asked.baseline)?.map(|with| Fitted::new(case, with));
     let base = accompanied.as_ref().unwrap_or(&asked);
     let names = addable(&base.baseline.structure, case.options);
-    let (base, mut list) = trials(case, base.clone(), &names)?;
+    let (base, mut list) = trials(case, base.clone(), &names, Goal::Claim)?;
     let accompanied = if accompanied.is_some() {
         // They may only have helped the fit of the structure itself on.
         if let Some(lower) = case.lower_from(&asked.baseline, &base.baseline.all)? {
@@ -120,7 +120,7 @@ fn by_themselves(
 ) -> Result<Judged, IdentificationError> {
     let mut names = absent_companions(&asked);
     names.extend(rivals(case, &list, &names));
-    let (asked, own) = trials(case, asked, &names)?;
+    let (asked, own) = trials(case, asked, &names, Goal::Claim)?;
     let named = of_companions(case, &own);
     let answer = taken_over(&mut list, own, &named);
     // What only stands in for a companion must explain what is left as any other claim.
@@ -165,7 +165,7 @@ fn or_a_rival(
     let names: Vec<&'static str> = (may_be_added.into_iter())
         .filter(|name| resembled.contains(name))
         .collect();
-    let (asked, own) = trials(case, asked, &names)?;
+    let (asked, own) = trials(case, asked, &names, Goal::Claim)?;
     let needed = criterion - case.options.claim.delta_bic_min;
     let clearly = |trial: &Trial| (trial.fit.as_ref()).is_some_and(|f| f.criterion() <= needed);
     let named: Vec<usize> = (declared(case, &own).into_iter())
@@ -399,7 +399,7 @@ fn pair(
             case.watcher.cancel,
         )?;
         let names = addable(&base.structure, case.options);
-        let (_, seconds) = trials(case, Fitted::new(case, base), &names)?;
+        let (_, seconds) = trials(case, Fitted::new(case, base), &names, Goal::Reach)?;
         let found = seconds.iter().find(|t| {
             t.evidence
                 .as_ref()

@@ -3,7 +3,7 @@
 
 use super::{
     case::Case,
-    claim::{Evidence, GateEvidence, objections, shows_no_part, told_apart},
+    claim::{Evidence, GateEvidence, objections, reached_below, shows_no_part, told_apart},
     options::DiagnosisOptions,
 };
 use crate::{
@@ -118,10 +118,11 @@ pub(super) fn trials(
     case: &Case<'_>,
     base: Fitted,
     names: &[&'static str],
+    goal: Goal,
 ) -> Result<(Fitted, Vec<Trial>), IdentificationError> {
     let mut base = base;
     for again in (0..LOWERED_MAX).rev() {
-        match tried(case, &base, names, again > 0)? {
+        match tried(case, &base, names, goal, again > 0)? {
             Tried::All(list) => return Ok((base, list)),
             Tried::Lower(lower) => base = Fitted::new(case, *lower),
         }
@@ -133,6 +134,7 @@ fn tried(
     case: &Case<'_>,
     base: &Fitted,
     names: &[&'static str],
+    goal: Goal,
     may_lower: bool,
 ) -> Result<Tried, IdentificationError> {
     let options = &case.options.composed;
@@ -151,7 +153,7 @@ fn tried(
         .count()
         .min(case.options.refits_max);
     let mut least = base.chi_square();
-    let mut wanted = wanted(case, base);
+    let mut wanted = wanted(case, base, goal);
     let both = list.iter_mut().zip(&screens).filter(|(t, _)| worth(t));
     for (done, (trial, screened)) in both.take(refits).enumerate() {
         case.watcher
@@ -172,10 +174,10 @@ fn tried(
             }
         }
     }
-    refine(case, base, &mut list)?;
-    with_the_motor_of_another(case, base, &mut list)?;
-    rivals_from_the_best(case, base, &mut list)?;
-    refine(case, base, &mut list)?;
+    refine(case, base, goal, &mut list)?;
+    with_the_motor_of_another(case, base, goal, &mut list)?;
+    rivals_from_the_best(case, base, goal, &mut list)?;
+    refine(case, base, goal, &mut list)?;
     list.sort_by(|a, b| {
         let by_criterion = a.delta_bic().total_cmp(&b.delta_bic());
         by_criterion.then_with(|| b.score.gain.total_cmp(&a.score.gain))
@@ -185,17 +187,33 @@ fn tried(
     Ok(Tried::All(list))
 }
 
-/// Weighted squares that an effect must come down to for a claim, whatever else speaks for it.
-fn wanted(case: &Case<'_>, base: &Fitted) -> f64 {
+/// What effects are tried for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Goal {
+    /// To say which is missing, and what comes near it.
+    Claim,
+    /// To find one that explains what is left: others are of no use.
+    Reach,
+}
+
+/// Weighted squares that an effect must come down to for its goal, whatever else speaks for it.
+fn wanted(case: &Case<'_>, base: &Fitted, goal: Goal) -> f64 {
     let claim = &case.options.claim;
     let before: f64 = base.baseline.all.squares.iter().sum();
+    let rows = base.baseline.all.rows as f64;
+    let reach = match goal {
+        Goal::Claim => f64::INFINITY,
+        Goal::Reach => rows * reached_below(base.chi_square(), claim),
+    };
     let share = [
         claim.fall_min,
         claim.fall_min_at_floor,
         claim.distinct_fall_min,
     ];
     let share = share.into_iter().fold(f64::INFINITY, f64::min);
-    (before * (1.0 - share)).min(before - claim.delta_bic_min)
+    (before * (1.0 - share))
+        .min(before - claim.delta_bic_min)
+        .min(reach)
 }
 
 /// The same beside another effect that leaves what `other` leaves: what cannot come near it is no rival.
@@ -218,10 +236,10 @@ fn wanted_beside(case: &Case<'_>, base: &Fitted, other: &ComposedFit) -> f64 {
 }
 
 /// The same beside all that were tried.
-fn wanted_beside_all(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> f64 {
+fn wanted_beside_all(case: &Case<'_>, base: &Fitted, goal: Goal, list: &[Trial]) -> f64 {
     let fits = list.iter().filter_map(|trial| trial.fit.as_ref());
     let beside = fits.map(|fit| wanted_beside(case, base, fit));
-    beside.fold(wanted(case, base), f64::min)
+    beside.fold(wanted(case, base, goal), f64::min)
 }
 
 /// What every motor does more or less: at the floor it needs what other effects need, however far it
@@ -293,6 +311,7 @@ fn screened(
 fn rivals_from_the_best(
     case: &Case<'_>,
     base: &Fitted,
+    goal: Goal,
     list: &mut [Trial],
 ) -> Result<(), IdentificationError> {
     let options = &case.options.composed;
@@ -319,7 +338,7 @@ fn rivals_from_the_best(
         .filter(|place| has_threshold(&list[*place]))
         .take(RIVALS_MAX)
         .collect();
-    let wanted = wanted_beside_all(case, base, list);
+    let wanted = wanted_beside_all(case, base, goal, list);
     let is_rival = |(place, trial)| rivals.contains(&place).then_some(trial);
     let rivals = list.iter_mut().enumerate().filter_map(is_rival);
     sketched_again(case, base, &origin, wanted, rivals)
@@ -330,6 +349,7 @@ fn rivals_from_the_best(
 fn with_the_motor_of_another(
     case: &Case<'_>,
     base: &Fitted,
+    goal: Goal,
     list: &mut [Trial],
 ) -> Result<(), IdentificationError> {
     let options = &case.options.composed;
@@ -343,7 +363,7 @@ fn with_the_motor_of_another(
         let fit = list[place].fit.as_ref()?;
         (base.baseline).with_values_of(&case.judged, fit, options, case.watcher.cancel)
     });
-    let wanted = wanted(case, base);
+    let wanted = wanted(case, base, goal);
     origin.map_or(Ok(()), |origin| {
         sketched_again(case, base, &origin, wanted, [&mut list[best]])
     })
@@ -398,7 +418,12 @@ fn sketched_again<'t>(
 
 /// Fits the sketches that come near the best one to the end, and gathers what speaks for each; where that is
 /// done already, nothing.
-fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), IdentificationError> {
+fn refine(
+    case: &Case<'_>,
+    base: &Fitted,
+    goal: Goal,
+    list: &mut [Trial],
+) -> Result<(), IdentificationError> {
     let before = base.baseline.all.criterion();
     let gain = |fit: &ComposedFit| before - fit.criterion();
     let left = |trial: &Trial| {
@@ -415,7 +440,7 @@ fn refine(case: &Case<'_>, base: &Fitted, list: &mut [Trial]) -> Result<(), Iden
     order.sort_by(|a, b| b.1.total_cmp(&a.1));
     let ended = list.iter().filter(|trial| trial.evidence.is_some());
     let mut least = ended.map(left).fold(f64::INFINITY, f64::min);
-    let mut wanted = wanted_beside_all(case, base, list);
+    let mut wanted = wanted_beside_all(case, base, goal, list);
     for (number, (place, gain)) in order.into_iter().enumerate() {
         let trial = &mut list[place];
         let given_up = trial.fit.as_ref().is_some_and(|fit| fit.given_up);

@@ -41,6 +41,8 @@ const APPROACHED: f64 = 4.0;
 const WALKS_MAX: usize = 4;
 /// ... as long as that lowers the objective by this share.
 const WALK_WORTH: f64 = 0.02;
+/// What is wanted is told with what varies from event to event; with the noise alone this many times as much.
+const WANTED_OF_NOISE_ALONE: f64 = 10.0;
 /// A fit that leaves more than this per row is no nearer to the truth for being exact.
 const FAR: f64 = 25.0;
 
@@ -291,10 +293,9 @@ impl<'a> Fitting<'a> {
             scatter: &scatter,
             ..self.place
         };
-        // What is wanted is told with what varies from event to event.
         let settings = local_solver::Options {
             evaluations_max: self.options.local.evaluations_max,
-            wanted: f64::INFINITY,
+            wanted: WANTED_OF_NOISE_ALONE * self.coarse.wanted,
             ..self.coarse
         };
         let coordinates = self.place.coordinates;

@@ -177,6 +177,22 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
     );
     assert!(found.bayesian_information() < base.bayesian_information() - 100.0);
     assert!(found.chi_square_per_row() < base.chi_square_per_row());
+    let squares: f64 = found.squares.iter().sum();
+    let reached = ground.refit(&screened, 1.01 * squares).unwrap();
+    assert_eq!(
+        (reached.parameters, reached.given_up),
+        (found.parameters, false)
+    );
+    let given_up = ground.refit(&screened, 0.5 * squares).unwrap();
+    assert!(given_up.given_up && given_up.evaluations < found.evaluations);
+    let refined = refine(
+        &events,
+        given_up,
+        "stator_resistance",
+        &options.wanting(0.5 * squares),
+        &|| false,
+    );
+    assert!(refined.given_up);
 }
 
 #[test]

@@ -159,23 +159,47 @@ impl ComposedModel {
 #[cfg(test)]
 mod tests {
     use crate::load_model::{
-        ComposedModel, Drive, Structure, composed::contract::a_dip, effects::catalogue,
+        ComposedModel, Drive, Structure,
+        composed::{ModelParameter, contract::a_dip},
+        effects::catalogue,
     };
 
     #[test]
     fn what_is_added_beside_a_known_motor_is_what_a_simulation_gives() {
+        let served = agreeing(&Structure::zip_im());
+        assert!(served >= 8, "{served} effects");
+    }
+
+    #[test]
+    fn motors_may_see_another_frequency_than_is_measured() {
+        let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
+        let served = agreeing(&structure);
+        assert!(served >= 8, "{served} effects");
+    }
+
+    /// The number of effects that are served beside the motor of `structure`, each as a simulation has it.
+    fn agreeing(structure: &Structure) -> usize {
         let input = a_dip(0.62, 0.1);
         let deviation = vec![-2e-3; input.output_count()];
         let drive = Drive::new(&input, &deviation, 0.3);
         let mut served = 0;
         for effect in catalogue() {
             let name = effect.declaration().name;
-            let model = ComposedModel::new(&Structure::zip_im().with(name).unwrap());
-            let parameters = model.neutral();
+            let Ok(with) = structure.with(name) else {
+                continue;
+            };
+            let model = ComposedModel::new(&with);
+            let mut parameters = model.typical();
+            for (value, p) in parameters.iter_mut().zip(model.parameters()) {
+                if p.effect == Some(name) {
+                    *value = p.declaration.neutral;
+                }
+            }
+            let own = |p: &ModelParameter| p.effect == Some(name);
             let amplitudes: Vec<usize> = (0..parameters.len())
                 .filter(|i| {
                     let p = &model.parameters()[*i];
-                    p.effect.is_some() && p.declaration.is_amplitude()
+                    own(p) && p.declaration.is_amplitude()
                 })
                 .collect();
             let course = model
@@ -190,7 +214,7 @@ mod tests {
             let mut moved = parameters.clone();
             let shapes = (0..parameters.len()).filter(|i| {
                 let p = &model.parameters()[*i];
-                p.effect.is_some() && !p.declaration.is_amplitude()
+                own(p) && !p.declaration.is_amplitude()
             });
             for (index, value) in shapes.zip(&effect.nuisance_grid(&motor)[0]) {
                 moved[index] = *value;
@@ -215,6 +239,6 @@ mod tests {
                 }
             }
         }
-        assert!(served >= 8, "{served} effects");
+        served
     }
 }

@@ -84,6 +84,48 @@ fn a_valley_a_million_times_steeper_across_than_along_is_followed_to_its_end() {
     assert!(found.cost.evaluations() < 60, "{:?}", found.cost);
 }
 
+/// The least that two parallel lines of residuals leave is 1; what is above that can be had, what is below cannot.
+#[test]
+fn what_is_out_of_reach_is_given_up() {
+    let objective = LeastSquares {
+        dimension: 2,
+        residuals: |x: &[f64]| {
+            (
+                DVector::from_column_slice(&[
+                    10.0 * (x[1] - x[0] * x[0]),
+                    1.0 - x[0],
+                    2_f64.sqrt(),
+                ]),
+                DMatrix::from_row_slice(3, 2, &[-20.0 * x[0], 10.0, -1.0, 0.0, 0.0, 0.0]),
+            )
+        },
+    };
+    let everywhere = bounds(&[f64::NEG_INFINITY; 2], &[f64::INFINITY; 2]);
+    let wanting = |wanted: f64| {
+        let options = Options {
+            wanted,
+            ..Options::default()
+        };
+        minimise(
+            &objective,
+            &everywhere,
+            &point(&[-1.2, 1.0]),
+            &options,
+            &never,
+        )
+        .unwrap()
+    };
+    let whole = wanting(f64::INFINITY);
+    assert_found(&whole, &[1.0, 1.0], 1e-8);
+    assert_eq!(wanting(1.001), whole);
+    let given_up = wanting(0.5);
+    let out_of_reach =
+        matches!(given_up.termination, Termination::OutOfReach { wanted, .. } if wanted == 0.5);
+    assert!(out_of_reach, "{given_up:?}");
+    assert!(!given_up.termination.is_minimum() && given_up.termination.is_feasible());
+    assert!(given_up.value >= 1.0 && given_up.cost.evaluations() < whole.cost.evaluations());
+}
+
 fn rosenbrock(steepness: f64) -> LeastSquares<impl Fn(&[f64]) -> Residuals + Sync> {
     LeastSquares {
         dimension: 2,
