@@ -304,7 +304,7 @@ fn fitted(site: &SyntheticSite, effect: &str, wide: bool) -> Option<ComposedFit>
     let starts = [from(&events), from(&mild)];
     let origins: Vec<&ComposedFit> = starts.iter().flatten().collect();
     let ground = Ground::new(&events, &structure, &origins, &options, &|| false);
-    let sketched = ground.refit(&ground.screen(effect).ok()?)?;
+    let sketched = ground.refit(&ground.screen(effect).ok()?, f64::INFINITY)?;
     let refined = refine(&events, sketched, effect, &options, &|| false);
     Some(if wide {
         refined
