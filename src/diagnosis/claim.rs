@@ -187,9 +187,8 @@ pub(super) fn reached_below(before: f64, options: &ClaimOptions) -> f64 {
     let floor = options.floor;
     let share = |share: f64| floor + share * (before - floor).max(0.0);
     let near = share(options.near_left_share).min(options.near_floors * floor);
-    share(options.left_share)
-        .max(options.reached_floors * floor)
-        .max(near)
+    let most = share(options.left_share).max(near);
+    most.max(options.reached_floors * floor)
 }
 
 /// What is left above the floor, as a share of what was.
