@@ -84,6 +84,12 @@ struct Start {
     whole: Option<ComposedFit>,
 }
 
+/// Where refits start, or the fit that shows that none leads to what is wanted.
+enum Starts {
+    Several(Vec<Start>),
+    OutOfReach(Box<ComposedFit>),
+}
+
 /// An effect looked for in what the origins leave.
 pub struct Screened {
     effect: &'static dyn Effect,
@@ -226,7 +232,7 @@ impl<'a> Ground<'a> {
         })
     }
 
-    /// Refits with the effect, coarsely and from its best candidates; the best is kept, for [`refine`].
+    /// Refits with the effect, coarsely and from its best candidates; the best is kept, for [`refine`](super::refine).
     /// `None` where no start could be simulated, no candidate makes it visible, or none wants it with the
     /// sign it can have. It is given up where the weighted squares `wanted` are out of reach; near the events that is
     /// known of all starts once it is known of the first.
@@ -245,6 +251,41 @@ impl<'a> Ground<'a> {
                 new
             })
         });
+        let staged = match self.starts(screened, promising, wanted, options) {
+            Starts::Several(staged) => staged,
+            Starts::OutOfReach(fit) => return Some(*fit),
+        };
+        let fits = self.near(screened, staged).into_iter();
+        let fits = fits.filter_map(|start| {
+            let step = self.step(start.origin, screened);
+            let whole = start.whole;
+            let fit = whole.or_else(|| step.fit(&start.parameters, &step.all(), options))?;
+            // What both lead to is no better for having begun farther away.
+            let handicap = if self.unfitted == Some(start.origin) {
+                HANDICAP
+            } else {
+                1.0
+            };
+            Some((handicap * evidence(&fit), step, fit))
+        });
+        let best = fits.min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map(|(_, step, fit)| {
+            if fit.given_up {
+                fit
+            } else {
+                step.taken_for_another(fit)
+            }
+        })
+    }
+
+    /// Where refits start: from the best candidates, the effect fitted alone.
+    fn starts(
+        &self,
+        screened: &Screened,
+        promising: Vec<(usize, Candidate)>,
+        wanted: f64,
+        options: &ComposedFitOptions,
+    ) -> Starts {
         let mut staged: Vec<Start> = Vec::new();
         let sizes = screened.effect.screened_at().len();
         let starts = STARTS.max(sizes) + usize::from(self.unfitted.is_some());
@@ -266,22 +307,21 @@ impl<'a> Ground<'a> {
             if staged.iter().any(same) {
                 continue;
             }
-            let beyond = OUT_OF_QUESTION * wanted;
-            if staged.is_empty() && left > beyond && candidate.left > beyond {
-                return Some(ComposedFit {
-                    given_up: true,
-                    ..fit
-                });
+            let mut whole = None;
+            if staged.is_empty() && wanted.is_finite() {
+                let beyond = OUT_OF_QUESTION * wanted;
+                if left > beyond && candidate.left > beyond {
+                    return Starts::OutOfReach(Box::new(ComposedFit {
+                        given_up: true,
+                        ..fit
+                    }));
+                }
+                if fit.chi_square_per_row() < ROUGH_ABOVE {
+                    whole = step.fit(&fit.parameters, &step.all(), options);
+                }
             }
-            let near = fit.chi_square_per_row() < ROUGH_ABOVE;
-            let early = wanted.is_finite() && staged.is_empty() && near;
-            let whole = if early {
-                step.fit(&fit.parameters, &step.all(), options)
-            } else {
-                None
-            };
-            if let Some(given_up) = whole.as_ref().filter(|fit| fit.given_up) {
-                return Some(given_up.clone());
+            if let Some(given_up) = whole.take_if(|fit| fit.given_up) {
+                return Starts::OutOfReach(Box::new(given_up));
             }
             staged.push(Start {
                 origin: number,
@@ -290,17 +330,21 @@ impl<'a> Ground<'a> {
                 whole,
             });
         }
+        Starts::Several(staged)
+    }
+
+    /// The starts that lead anywhere, nearest first: far from the events the noise alone tells which do.
+    fn near(&self, screened: &Screened, mut staged: Vec<Start>) -> Vec<Start> {
         let alone = (staged.iter().map(|start| start.left)).fold(f64::INFINITY, f64::min);
         // An ordinary load has not yet followed.
         let unfitted = |number: usize| self.unfitted == Some(number);
         staged.retain(|s| unfitted(s.origin) || s.left <= STAGED_LEFT_MAX * alone);
-        // Far from the events the noise alone tells which starts lead anywhere.
         let near = staged.into_iter().filter_map(|start| {
             let step = self.step(start.origin, screened);
             let (parameters, left) = step.approached(&start.parameters)?;
             Some(Start {
-                parameters,
                 left,
+                parameters,
                 ..start
             })
         });
@@ -309,26 +353,7 @@ impl<'a> Ground<'a> {
         if near.first().is_some_and(|start| start.left > ENDED_ABOVE) {
             near.truncate(ENDED_MAX);
         }
-        let fits = near.into_iter().filter_map(|start| {
-            let step = self.step(start.origin, screened);
-            let whole = (start.whole).or_else(|| step.fit(&start.parameters, &step.all(), options));
-            let fit = whole?;
-            // What both lead to is no better for having begun farther away.
-            let handicap = if unfitted(start.origin) {
-                HANDICAP
-            } else {
-                1.0
-            };
-            Some((handicap * evidence(&fit), step, fit))
-        });
-        let best = fits.min_by(|a, b| a.0.total_cmp(&b.0));
-        best.map(|(_, step, fit)| {
-            if fit.given_up {
-                fit
-            } else {
-                step.taken_for_another(fit)
-            }
-        })
+        near
     }
 
     /// A refit once more, from its end.

@@ -72,6 +72,18 @@ pub(super) struct Now<S> {
 }
 
 impl<S: Pass> Now<S> {
+    /// With the motor and the effects at rest.
+    fn at_rest(motor: MotorState<S>, effects: Vec<S>) -> Self {
+        Self {
+            motor,
+            effects,
+            lagged: S::constant(1.0),
+            ratio: [S::constant(1.0), S::constant(0.0)],
+            secant: Secant::PLAIN,
+            solutions: Vec::new(),
+        }
+    }
+
     /// Takes over the state of another, and its list of solutions.
     fn exchange(&mut self, other: &mut Self) {
         self.motor = other.motor;
@@ -133,8 +145,7 @@ pub(super) fn run<S: Pass>(
         time_s: &grid.time_s,
         coupled: network.is_some() || at(Place::Gain).chain(at(Place::Taps)).next().is_some(),
         network,
-        lag: (at(Place::StaticLag).next())
-            .map(|e| StaticLag::new(e.equations().static_lag_s(e.parameters()), &rest)),
+        lag: at(Place::StaticLag).next().map(StaticLag::new),
         seen: seen(drive, grid, &frequency, effects),
         rest,
         linear,
@@ -147,14 +158,7 @@ pub(super) fn run<S: Pass>(
         frequency,
         known: Vec::new(),
     };
-    let start = Now {
-        motor: rest.motor.rest,
-        effects: states,
-        lagged: S::constant(1.0),
-        ratio: [S::constant(1.0), S::constant(0.0)],
-        secant: Secant::PLAIN,
-        solutions: Vec::new(),
-    };
+    let start = Now::at_rest(rest.motor.rest, states);
     let mut output = match course {
         Course::Integrate(kept) => {
             simulation.known = std::mem::take(&mut kept.solutions);

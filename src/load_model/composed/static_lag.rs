@@ -3,7 +3,7 @@
 
 use std::cell::Cell;
 
-use super::{Rest, active::Pass};
+use super::{active::Pass, places::Acting};
 use crate::numerics::elementary::{at_least, at_most, mean_decay};
 
 /// `v/z` at most, and `z` at least.
@@ -31,11 +31,13 @@ enum Half<S> {
 }
 
 impl<S: Pass> StaticLag<S> {
-    pub(super) fn new(time_s: S, rest: &Rest<S>) -> Self {
+    /// Of the effect that has it.
+    pub(super) fn new(effect: &Acting<'_, '_, S>) -> Self {
+        let time_s = effect.equations().static_lag_s(effect.parameters());
         Self {
             time_s,
-            constant: rest.static_constant,
-            line: rest.static_line,
+            constant: effect.rest.static_constant,
+            line: effect.rest.static_line,
             half: Cell::new((0.0, Half::Short(time_s))),
         }
     }

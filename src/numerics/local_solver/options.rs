@@ -22,7 +22,7 @@ pub struct Options {
     /// How often a step out of the objective's domain is halved before the solver gives up; the
     /// next step begins with twice what was left. Default 45: to a step of 3e-14.
     pub halvings_max: u32,
-    /// The solver gives up where even [`REACH`] times what the undamped model promises does not lead down to
+    /// The solver gives up where even four times what the undamped model promises does not lead down to
     /// this objective. Default infinite: it never does.
     pub wanted: f64,
 }

@@ -119,8 +119,7 @@ fn what_is_out_of_reach_is_given_up() {
     assert_found(&whole, &[1.0, 1.0], 1e-6);
     assert_eq!(wanting(1.001), whole);
     let given_up = wanting(0.5);
-    let out_of_reach =
-        matches!(given_up.termination, Termination::OutOfReach { wanted, .. } if wanted == 0.5);
+    let out_of_reach = matches!(given_up.termination, Termination::OutOfReach { .. });
     assert!(out_of_reach, "{given_up:?}");
     assert!(!given_up.termination.is_minimum() && given_up.termination.is_feasible());
     assert!(given_up.value >= 1.0 && given_up.cost.evaluations() < whole.cost.evaluations());
