@@ -4,10 +4,8 @@
 use std::sync::Arc;
 
 use super::{
-    ComposedModel, Drive, MotorDescription, SimulationError,
-    grid::Grid,
-    kept::Kept,
-    run::{Course, describe},
+    ComposedModel, Drive, MotorDescription, SimulationError, at_rest::describe, grid::Grid,
+    kept::Kept, run::Course,
 };
 use crate::{
     load_model::effect::{LANES, Place, Sensitivity},

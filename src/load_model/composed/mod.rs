@@ -12,6 +12,7 @@
 //! (tested).
 
 mod active;
+mod at_rest;
 mod base;
 mod beside;
 pub(super) mod complex;

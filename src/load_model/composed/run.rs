@@ -2,13 +2,14 @@
 //! then the instrument.
 
 use super::{
-    Drive, Instant, MotorDescription, Rest, SimulationError, Step,
+    Drive, Instant, Rest, SimulationError, Step,
     active::{Active, Pass},
+    at_rest::at_rest,
     complex,
     feeder::{Network, Secant, Solution},
     grid::Grid,
     kept::Kept,
-    motor::{Motor, MotorState},
+    motor::MotorState,
     places::{Acting, Places, product},
     series::{View, frequency_series, measure, seen},
     static_lag::StaticLag,
@@ -181,58 +182,6 @@ pub(super) fn run<S: Pass>(
             output: index % grid.time_s.len(),
         }),
     }
-}
-
-/// The motor's constants with what the effects make of them, at the measured voltage.
-pub(super) fn describe<S: Pass>(
-    drive: &Drive<'_>,
-    motor: MotorCoordinates<S>,
-    effects: &[Active<'_, S>],
-) -> MotorDescription<S> {
-    let mut description = MotorDescription::new(motor, drive.terminal.synchronous_speed_rad_s);
-    for e in effects
-        .iter()
-        .filter(|e| e.declaration.acts_on(Place::Motor))
-    {
-        e.equations.motor(&e.parameters, &mut description);
-    }
-    description
-}
-
-/// The motor with what the effects make of it, and the load at its operating point.
-fn at_rest<S: Pass>(
-    drive: &Drive<'_>,
-    motor: MotorCoordinates<S>,
-    linear: [S; LinearCoefficients::COUNT],
-    effects: &[Active<'_, S>],
-) -> Result<Rest<S>, SimulationError> {
-    let synchronous_speed_rad_s = drive.terminal.synchronous_speed_rad_s;
-    let mut description = describe(drive, motor, effects);
-    let feeder = effects
-        .iter()
-        .find(|e| e.declaration.acts_on(Place::Feeder))
-        .map(|e| e.equations.feeder(&e.parameters));
-    let load_voltage_square = feeder.map_or(S::constant(1.0), |feeder| {
-        feeder.load_voltage_square(drive.reactive_at_rest)
-    });
-    if feeder.is_some() {
-        description.refer_to(load_voltage_square);
-    }
-    let motor = Motor::new(&description)?;
-    let [share, c_z, c_i, d_z, d_i] = linear;
-    Ok(Rest {
-        reactive: drive.reactive_at_rest,
-        motor_share: share,
-        motor,
-        own_motor: None,
-        static_constant: [
-            -(share + c_z + c_i) + 1.0,
-            -(share * motor.rest_power[1] + d_z + d_i) + drive.reactive_at_rest,
-        ],
-        static_line: [c_i, d_i],
-        load_voltage_square,
-        synchronous_speed_rad_s,
-    })
 }
 
 /// Phasors of a step as constants.
