@@ -3,7 +3,7 @@
 
 use super::{
     base::Base,
-    fit::{ComposedFit, ComposedFitOptions, approached, fit_rows},
+    fit::{ComposedFit, ComposedFitOptions, ROUGH_ABOVE, approached, fit_rows, unfitted},
     refine::refine_rows,
     rows::EventRows,
     screening::{Candidate, Memory, Score, Screening, Step, thresholds},
@@ -50,9 +50,6 @@ const GAIN_MIN: f64 = 4.0;
 /// Least part of the effect that the fitted model must not be able to mimic.
 const VISIBILITY_MIN: f64 = 1e-4;
 
-/// What leaves more than this per row is simulated roughly: there effects are looked for and fitted by
-/// what is far greater.
-pub(super) const ROUGH_ABOVE: f64 = 4.0;
 /// What an effect is mistaken for is taken where that is better by this much.
 const MISTAKEN_GAIN: f64 = 1.0;
 /// Starts from one origin that leave the same to this share are one.
@@ -87,7 +84,7 @@ struct Start {
 /// Where refits start, or the fit that shows that none leads to what is wanted.
 enum Starts {
     Several(Vec<Start>),
-    OutOfReach(Box<ComposedFit>),
+    OutOfReach(Option<Box<ComposedFit>>),
 }
 
 /// An effect looked for in what the origins leave.
@@ -253,7 +250,7 @@ impl<'a> Ground<'a> {
         });
         let staged = match self.starts(screened, promising, wanted, options) {
             Starts::Several(staged) => staged,
-            Starts::OutOfReach(fit) => return Some(*fit),
+            Starts::OutOfReach(fit) => return fit.map(|fit| *fit),
         };
         let fits = self.near(screened, staged).into_iter();
         let fits = fits.filter_map(|start| {
@@ -311,17 +308,14 @@ impl<'a> Ground<'a> {
             if staged.is_empty() && wanted.is_finite() {
                 let beyond = OUT_OF_QUESTION * wanted;
                 if left > beyond && candidate.left > beyond {
-                    return Starts::OutOfReach(Box::new(ComposedFit {
-                        given_up: true,
-                        ..fit
-                    }));
+                    return Starts::OutOfReach(step.given_up_at(&fit.parameters).map(Box::new));
                 }
                 if fit.chi_square_per_row() < ROUGH_ABOVE {
                     whole = step.fit(&fit.parameters, &step.all(), options);
                 }
             }
             if let Some(given_up) = whole.take_if(|fit| fit.given_up) {
-                return Starts::OutOfReach(Box::new(given_up));
+                return Starts::OutOfReach(Some(Box::new(given_up)));
             }
             staged.push(Start {
                 origin: number,
@@ -487,6 +481,18 @@ impl Step<'_> {
         };
         let own = self.own(|_| true);
         fit_rows(self.rows, self.model, from, &own, &options, self.cancel)
+    }
+
+    /// A refit that was given up before it began, at these parameters: what is free in it is what is in others, for
+    /// criteria and for fits that go on from it. `None` when they cannot be simulated.
+    fn given_up_at(&self, parameters: &[f64]) -> Option<ComposedFit> {
+        let all = self.all();
+        let (rows, model) = (self.rows, self.model);
+        let fit = unfitted(rows, model, parameters, &all, self.options, self.cancel)?;
+        Some(ComposedFit {
+            given_up: true,
+            ..fit
+        })
     }
 
     /// What is free with the effect, as indices.

@@ -43,6 +43,9 @@ const WALKS_MAX: usize = 4;
 const WALK_WORTH: f64 = 0.02;
 /// What is wanted is told with what varies from event to event; with the noise alone this many times as much.
 const WANTED_OF_NOISE_ALONE: f64 = 10.0;
+/// What leaves more than this per row is simulated roughly: there effects are looked for and fitted by
+/// what is far greater.
+pub(super) const ROUGH_ABOVE: f64 = 4.0;
 /// A fit that leaves more than this per row is no nearer to the truth for being exact.
 const FAR: f64 = 25.0;
 
@@ -350,12 +353,11 @@ impl<'a> Fitting<'a> {
             let far = 2.0 * found.value > FAR * count as f64;
             // Where steps of no length lead down, finer ones and the same covariances do not either.
             let mut stuck = is_stuck(&found);
-            let given_up = matches!(found.termination, Termination::OutOfReach { .. });
-            if round == 1 && !far && !stuck && !given_up && *local != first {
+            if round == 1 && !far && !stuck && !is_given_up(&found) && *local != first {
                 found = solve(&found.x, local)?;
                 stuck = false;
             }
-            self.given_up = matches!(found.termination, Termination::OutOfReach { .. });
+            self.given_up = is_given_up(&found);
             self.x = found.x;
             self.lowest = problem.into_lowest();
             let settled = before - found.value < self.options.settled_relative * found.value;
@@ -377,6 +379,11 @@ impl<'a> Fitting<'a> {
             ..fit
         })
     }
+}
+
+/// Whether what was wanted is out of reach.
+fn is_given_up(found: &LocalSolution) -> bool {
+    matches!(found.termination, Termination::OutOfReach { .. })
 }
 
 /// Whether steps were tried and none lowered the objective.

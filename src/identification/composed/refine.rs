@@ -1,8 +1,7 @@
 //! A sketch of a fit with one more effect, fitted to the end.
 
 use super::{
-    extend::ROUGH_ABOVE,
-    fit::{ComposedFit, ComposedFitOptions, fit_rows, unfitted},
+    fit::{ComposedFit, ComposedFitOptions, ROUGH_ABOVE, fit_rows, unfitted},
     relay_walk,
     rows::EventRows,
     screening::Step,

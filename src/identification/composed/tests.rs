@@ -193,6 +193,10 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
         &|| false,
     );
     assert!(refined.given_up);
+    // Not even begun, and yet free to move in all that the others are.
+    let out_of_question = ground.refit(&screened, 1e-3 * squares).unwrap();
+    assert!(out_of_question.given_up);
+    assert_eq!(out_of_question.free, found.free);
 }
 
 #[test]

@@ -20,21 +20,43 @@ fn decayed<S: Elementary>(z: S, [from, to]: [S; 2], [mean, left]: [S; 2]) -> S {
     to - (to - from) * mean + (z - from) * left
 }
 
-/// Below this share of a step nothing of an older state is left.
+/// Below this share of half a step nothing of an older state is left.
 const SHORT: f64 = 0.02;
 
-/// The state of `T z' = v - z` after a step over which the voltage goes straight to the middle and to the end; `T` may
-/// be 0.
-pub(super) fn lagged_voltage<S: Elementary>(z: S, step: &Step<S>, time_s: S) -> S {
-    let half_s = 0.5 * step.duration_s;
-    let [start, middle, end] = step.voltage;
-    if time_s.value() < SHORT * half_s {
-        // (1 - e^-x)/x is 1/x and e^-x nothing there.
-        return end - (end - middle) * (time_s * (1.0 / half_s));
+/// What a lag, which may be of no time, does over each half of a step.
+#[derive(Clone, Copy)]
+pub(in crate::load_model) enum HalfStep<S> {
+    /// Nothing is left of an older state; the lag over the half step.
+    Short(S),
+    /// [`decay`].
+    Long([S; 2]),
+}
+
+impl<S: Elementary> HalfStep<S> {
+    pub(in crate::load_model) fn new(time_s: S, half_s: f64) -> Self {
+        if time_s.value() < SHORT * half_s {
+            // (1 - e^-x)/x is 1/x and e^-x nothing there.
+            Self::Short(time_s * (1.0 / half_s))
+        } else {
+            Self::Long(decay(time_s, half_s))
+        }
     }
-    let decay = decay(time_s, half_s);
-    let z = decayed(z, [start, middle], decay);
-    decayed(z, [middle, end], decay)
+
+    /// The state of `T z' = v - z` after a step over which the voltage goes straight to the middle and to the end.
+    pub(in crate::load_model) fn lagged(self, z: S, [start, middle, end]: [S; 3]) -> S {
+        match self {
+            Self::Short(share) => end - (end - middle) * share,
+            Self::Long(decay) => {
+                let z = decayed(z, [start, middle], decay);
+                decayed(z, [middle, end], decay)
+            }
+        }
+    }
+}
+
+/// [`HalfStep::lagged`] by itself.
+pub(super) fn lagged_voltage<S: Elementary>(z: S, step: &Step<S>, time_s: S) -> S {
+    HalfStep::new(time_s, 0.5 * step.duration_s).lagged(z, step.voltage)
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ mod stator_resistance;
 mod tap_changer;
 mod time_skew;
 
-mod lag;
+pub(super) mod lag;
 pub(super) mod relay;
 mod series;
 

@@ -84,7 +84,7 @@ fn a_valley_a_million_times_steeper_across_than_along_is_followed_to_its_end() {
     assert!(found.cost.evaluations() < 60, "{:?}", found.cost);
 }
 
-/// The least that two parallel lines of residuals leave is 1; what is above that can be had, what is below cannot.
+/// Rosenbrock's valley, whose floor is raised to 1: what is above that can be had, what is below cannot.
 #[test]
 fn what_is_out_of_reach_is_given_up() {
     let objective = LeastSquares {
