@@ -2,7 +2,7 @@
 
 use super::{
     claim::ADEQUATE_FLOORS,
-    event_sets::{Use, let_be_fitted_what_shows, uses},
+    event_sets::{Use, let_be_fitted_what_shows, not_foretold, uses},
     options::{DiagnosisOptions, EventSplit, Progress},
     outcome::{EventSets, StructureErrors},
 };
@@ -122,7 +122,8 @@ impl<'a> Case<'a> {
 
     /// Untouched events that the structure at the start has no response in are refused with the
     /// reason: no later structure is quoted on others. Gating events in which what was fitted without
-    /// them has none are fitted instead: the more is missing, the more tells such an event. So are some of
+    /// them has none are fitted instead: the more is missing, the more tells such an event. So are those that it
+    /// does not foretell although it can follow them ([`not_foretold`]), and some of
     /// those that alone show that something is missing ([`let_be_fitted_what_shows`]), unless they were named.
     ///
     /// # Errors
@@ -139,27 +140,45 @@ impl<'a> Case<'a> {
                 )),
             }
         }
+        let may_choose = self.options.split == EventSplit::Balanced;
+        let rows = self.judged.iter().map(PreparedEvent::rows);
+        let misfits = base.all.squares.iter().zip(rows);
+        let misfits: Vec<f64> = misfits.map(|(s, rows)| s / rows.max(1) as f64).collect();
         while self.has_gate() {
-            let model = load(&base.structure, &self.narrowed_without_gate(&base.all)?);
+            let fit = self.narrowed_without_gate(&base.all)?;
+            let model = load(&base.structure, &fit);
             let silent = |(event, gates): (&PreparedEvent, &bool)| {
                 *gates && model.curves(&align(&model, event)).is_err()
             };
-            let silent: Vec<bool> = self.judged.iter().zip(&self.gates).map(silent).collect();
-            if !silent.contains(&true) {
+            let mut fitted: Vec<bool> = self.judged.iter().zip(&self.gates).map(silent).collect();
+            if may_choose && !fitted.contains(&true) {
+                let foretold = self.foretold(&fit);
+                fitted = not_foretold(&self.gates, &foretold, &misfits);
+            }
+            if !fitted.contains(&true) {
                 break;
             }
-            for (gates, silent) in self.gates.iter_mut().zip(silent) {
-                *gates &= !silent;
+            for (gates, fitted) in self.gates.iter_mut().zip(fitted) {
+                *gates &= !fitted;
             }
         }
-        if self.options.split == EventSplit::Balanced {
-            let rows = self.judged.iter().map(PreparedEvent::rows);
-            let misfits = base.all.squares.iter().zip(rows);
-            let misfits: Vec<f64> = misfits.map(|(s, rows)| s / rows.max(1) as f64).collect();
+        if may_choose {
             let adequate = ADEQUATE_FLOORS * self.options.claim.floor;
             let_be_fitted_what_shows(&mut self.gates, &misfits, adequate);
         }
         Ok(())
+    }
+
+    /// Weighted squares per row that a fit leaves of each event; infinite where it has no response.
+    fn foretold(&self, fit: &ComposedFit) -> Vec<f64> {
+        let scatter = &self.options.composed.scatter;
+        let of = |event: &PreparedEvent| {
+            let one = std::slice::from_ref(event);
+            let squares = composed::squares(one, &fit.model, &fit.parameters, scatter);
+            let own = squares.and_then(|s| s.first().copied());
+            own.map_or(f64::INFINITY, |own| own / event.rows().max(1) as f64)
+        };
+        self.judged.iter().map(of).collect()
     }
 
     /// Events by use.

@@ -48,6 +48,12 @@ use crate::{
 pub(super) struct SinglePhaseAcStall;
 
 const BREAK_VOLTAGE: f64 = 0.86;
+/// A fit in which less than this share restarts may have given it up before anything else was right: without it
+/// nothing tells the voltage at which it would. It is tried once more with this share ...
+const RESTARTS_MIN: f64 = 0.02;
+const RESTARTING: f64 = 0.15;
+/// ... at these voltages, pu.
+const RESTARTED_AT_PU: [f64; 3] = [0.85, 0.89, 0.93];
 
 const fn state(name: &'static str, unit: &'static str) -> State {
     State { name, unit }
@@ -125,6 +131,18 @@ impl Declared for SinglePhaseAcStall {
     fn beside_the_states(&self) -> Vec<usize> {
         vec![0, 4, 6, 11]
     }
+
+    fn mistaken_for(&self, values: &[f64]) -> Vec<Vec<f64>> {
+        if values[6] > RESTARTS_MIN {
+            return Vec::new();
+        }
+        let restarting = |voltage: f64| {
+            let mut others = values.to_vec();
+            others[6..9].copy_from_slice(&[RESTARTING, voltage, 0.35]);
+            others
+        };
+        RESTARTED_AT_PU.map(restarting).to_vec()
+    }
 }
 
 /// (1), (2); `stalled` is the power of stopped motors at 1 pu, `at_rest` the reactive one of running motors.
@@ -187,6 +205,12 @@ mod tests {
     use super::*;
     use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
 
+    const MOTOR: MotorCoordinates<f64> = MotorCoordinates {
+        alpha_per_s: 10.0,
+        nu_per_s2: 500.0,
+        kappa: 0.5,
+    };
+
     #[test]
     fn the_running_curve_is_continuous_and_exact_at_rest() {
         let running = |v: f64| running(v, [4.4, 4.0], 0.25);
@@ -197,6 +221,20 @@ mod tests {
         assert!((running(0.66)[0] - 1.069_577).abs() < 1e-5);
         // v = 0.4: 12 x 0.46^3.2 = 1.0, and one for rest; stopped 4.4 x 0.16 = 0.704.
         assert!((running(0.4)[0] - 0.704).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_restart_that_a_fit_has_given_up_is_tried_again() {
+        let mut values = SinglePhaseAcStall.nuisance_grid(&MOTOR).remove(0);
+        values.insert(0, 0.15);
+        assert!(SinglePhaseAcStall.mistaken_for(&values).is_empty());
+        values[6] = 0.0;
+        let others = SinglePhaseAcStall.mistaken_for(&values);
+        assert_eq!(others.len(), RESTARTED_AT_PU.len());
+        for (other, voltage) in others.iter().zip(RESTARTED_AT_PU) {
+            assert_eq!(other[6..9], [RESTARTING, voltage, 0.35]);
+            assert_eq!((&other[..6], &other[9..]), (&values[..6], &values[9..]));
+        }
     }
 
     #[test]
