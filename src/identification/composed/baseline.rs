@@ -5,7 +5,6 @@ use super::{
     extend::{Ground, Screened},
     fit::{ComposedFit, ComposedFitOptions, fit, unfitted},
     refine::refine,
-    relay_walk::is_setting,
     rows::EventRows,
 };
 use crate::{
@@ -342,8 +341,7 @@ pub fn baseline(
     Some(result)
 }
 
-/// An ordinary load with the effects of `fit`, their shapes as they are typically but for the settings of relays, which
-/// show by themselves; none where that follows the events.
+/// An ordinary load with the effects of `fit`; none where that follows the events.
 fn ordinary(
     events: &[PreparedEvent],
     fit: &ComposedFit,
@@ -361,8 +359,7 @@ fn ordinary(
     let model = &fit.model;
     let mut values = with_a_lag(model, &fit.free);
     for (index, parameter) in model.parameters().iter().enumerate() {
-        let is_bent = parameter.declaration.role == Role::Shape && !is_setting(parameter);
-        if parameter.effect.is_some() && !is_bent {
+        if parameter.effect.is_some() {
             values[index] = fit.parameters[index];
         }
     }
