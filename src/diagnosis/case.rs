@@ -151,9 +151,9 @@ impl<'a> Case<'a> {
                 *gates && model.curves(&align(&model, event)).is_err()
             };
             let mut fitted: Vec<bool> = self.judged.iter().zip(&self.gates).map(silent).collect();
-            if may_choose && !fitted.contains(&true) {
-                let foretold = self.foretold(&fit);
-                fitted = not_foretold(&self.gates, &foretold, &misfits);
+            // Only where other events are quoted: what is hard to foretell must not leave an error that is.
+            if may_choose && !self.untouched.is_empty() && !fitted.contains(&true) {
+                fitted = not_foretold(&self.foretold(&fit), &misfits);
             }
             if !fitted.contains(&true) {
                 break;
@@ -169,8 +169,9 @@ impl<'a> Case<'a> {
         Ok(())
     }
 
-    /// Weighted squares per row that a fit leaves of each event; infinite where it has no response.
-    fn foretold(&self, fit: &ComposedFit) -> Vec<f64> {
+    /// Weighted squares per row that a fit leaves of each gating event, infinite where it has no response; none of the
+    /// fitted ones.
+    fn foretold(&self, fit: &ComposedFit) -> Vec<Option<f64>> {
         let scatter = &self.options.composed.scatter;
         let of = |event: &PreparedEvent| {
             let one = std::slice::from_ref(event);
@@ -178,7 +179,9 @@ impl<'a> Case<'a> {
             let own = squares.and_then(|s| s.first().copied());
             own.map_or(f64::INFINITY, |own| own / event.rows().max(1) as f64)
         };
-        self.judged.iter().map(of).collect()
+        let both = self.judged.iter().zip(&self.gates);
+        both.map(|(event, gates)| gates.then(|| of(event)))
+            .collect()
     }
 
     /// Events by use.

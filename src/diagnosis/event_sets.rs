@@ -67,19 +67,18 @@ pub(super) fn let_be_fitted_what_shows(gates: &mut [bool], misfits: &[f64], adeq
 /// it leaves that event and all others, fitted to it.
 const FAR_FROM_FORETOLD: f64 = 25.0;
 
-/// The gating events of which a structure leaves far more where it was fitted without them (`foretold`, per row of
-/// each event) than where it was fitted to all (`fitted`): it can follow them, but what the others say leaves
+/// The gating events of which a structure leaves far more where it was fitted without them (`foretold`, per row; none
+/// of other events) than where it was fitted to all (`fitted`): it can follow them, but what the others say leaves
 /// open how. Near stall a hundredth of the motor's torque decides whether it recovers, and such an event would outweigh all
 /// others of the gate with and without whatever is added. As long as other gating events are left.
-pub(super) fn not_foretold(gates: &[bool], foretold: &[f64], fitted: &[f64]) -> Vec<bool> {
+pub(super) fn not_foretold(foretold: &[Option<f64>], fitted: &[f64]) -> Vec<bool> {
     let mean = fitted.iter().sum::<f64>() / fitted.len().max(1) as f64;
-    let is_far = |e: usize| gates[e] && foretold[e] > FAR_FROM_FORETOLD * mean.max(fitted[e]);
-    let far: Vec<bool> = (0..gates.len()).map(is_far).collect();
-    if gates == far {
-        vec![false; gates.len()]
-    } else {
-        far
-    }
+    let both = || foretold.iter().zip(fitted);
+    let is_far = |left: f64, fitted: f64| left > FAR_FROM_FORETOLD * mean.max(fitted);
+    let others = both().any(|(left, fitted)| left.is_some_and(|left| !is_far(left, *fitted)));
+    both()
+        .map(|(left, fitted)| others && left.is_some_and(|left| is_far(left, *fitted)))
+        .collect()
 }
 
 fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
@@ -213,17 +212,17 @@ mod tests {
 
     #[test]
     fn what_a_structure_follows_but_does_not_foretell_is_fitted() {
-        let gates = [false, true, true];
-        let found = not_foretold(&gates, &[2.0, 29_000.0, 3.0], &[2.0, 4.0, 2.5]);
+        let foretold = [None, Some(29_000.0), Some(3.0)];
+        let found = not_foretold(&foretold, &[2.0, 4.0, 2.5]);
         assert_eq!(found, [false, true, false]);
         // Something is missing in it, or others are far too, or nothing else would gate.
-        for (gates, fitted) in [
-            (gates, [2.0, 5_000.0, 2.5]),
-            (gates, [4_000.0, 4.0, 2.5]),
-            ([false, true, false], [2.0, 4.0, 2.5]),
+        let alone = [None, Some(29_000.0), None];
+        for (foretold, fitted) in [
+            (foretold, [2.0, 5_000.0, 2.5]),
+            (foretold, [4_000.0, 4.0, 2.5]),
+            (alone, [2.0, 4.0, 2.5]),
         ] {
-            let found = not_foretold(&gates, &[2.0, 29_000.0, 3.0], &fitted);
-            assert_eq!(found, [false; 3]);
+            assert_eq!(not_foretold(&foretold, &fitted), [false; 3]);
         }
     }
 
