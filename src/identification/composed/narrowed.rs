@@ -5,6 +5,8 @@
 //! lie anywhere within that spread. Begun narrowly, the shared parameters explain what they can, and
 //! the spread is widened only where the events then still disagree (decision 0034).
 
+use rayon::prelude::*;
+
 use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
@@ -21,6 +23,10 @@ const FOLLOWED: f64 = 4.0;
 /// Likelihoods that differ by less than this share of the weighted squares that are left are not told
 /// apart: what is left is not independent from sample to sample.
 const TOLD_SHARE_OF_LEFT: f64 = 0.03;
+
+/// A fit whose events may differ more is not taken where it leaves so many times what the narrowest leaves, once
+/// no event differs from another.
+const SHARED: f64 = 4.0;
 
 /// `fit` moved to where the events agree best on the shared parameters, with no more spread
 /// than the events need there, at most that of `options`. As it was where it does not follow the
@@ -63,10 +69,11 @@ pub fn narrowed(
         let narrowest = again(&begun, [SHARES[0]; 2])?;
         let shares = sufficient_shares(&rows, &narrowest, options, cancel)?;
         if shares == [SHARES[0]; 2] {
-            Some(narrowest)
-        } else {
-            again(&narrowest, shares)
+            return Some(narrowest);
         }
+        let widened = again(&narrowest, shares);
+        let shared = widened.filter(|widened| is_shared(&rows, [&narrowest, widened], options));
+        Some(shared.unwrap_or(narrowest))
     };
     let mut moved = moved().unwrap_or_else(|| fit.clone());
     moved.free.clone_from(&fit.free);
@@ -75,6 +82,27 @@ pub fn narrowed(
         moved.covariance = covariance.or_else(|| fit.covariance.clone());
     }
     moved
+}
+
+/// Whether the second fit, whose events may differ more, is for all of them together about as good as the first
+/// is: if not, it describes events with shares of their own and none with those that are published.
+fn is_shared(
+    rows: &[EventRows<'_>],
+    [narrowest, widened]: [&ComposedFit; 2],
+    options: &ComposedFitOptions,
+) -> bool {
+    let alike = options.scatter.times([0.0; 2]);
+    let left = |fit: &ComposedFit| {
+        let squares = |event: &EventRows<'_>| {
+            let (model, parameters) = (&fit.model, &fit.parameters);
+            let covariance = event.covariance(model, parameters, &alike).ok()??;
+            Some(covariance.square(&event.residual(model, parameters).ok()?))
+        };
+        rows.par_iter().map(squares).sum::<Option<f64>>()
+    };
+    let [narrowest, widened] = [left(narrowest), left(widened)];
+    let most = narrowest.map_or(f64::INFINITY, |narrowest| SHARED * narrowest);
+    widened.is_some_and(|widened| widened <= most)
 }
 
 /// `fit` with its thresholds between two dips not free.
