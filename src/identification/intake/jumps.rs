@@ -347,10 +347,12 @@ fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> V
     let Some(fit) = fit else {
         return jumps.iter().map(unexplained).collect();
     };
-    let height_share = if measured.has_short_window() {
-        HEIGHT_SHARE_SHORT
-    } else {
-        HEIGHT_SHARE
+    let is_high = |index: usize| {
+        if measured.has_short_window() {
+            fit.share_of_change(index) >= HEIGHT_SHARE_SHORT
+        } else {
+            fit.height(index).norm() >= HEIGHT_SHARE * jumps[index].size()
+        }
     };
     let count = jumps.len() as f64;
     (0..jumps.len())
@@ -363,7 +365,7 @@ fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> V
                 deviation: deviation(measured, range, &jumps, index, &fit),
                 mismatch,
                 misfit: fit.objective / count,
-                explained: mismatch <= limit && fit.share_of_change(index) >= height_share,
+                explained: mismatch <= limit && is_high(index),
             }
         })
         .collect()

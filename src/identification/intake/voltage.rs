@@ -357,14 +357,17 @@ impl Voltage {
         &self.jumps
     }
 
-    /// How far l jumps at jump number `index`, as a share of the whole change around it and along that change.
+    /// How far l jumps at jump number `index`.
+    pub(super) fn height(&self, index: usize) -> Log {
+        let time = self.jumps[index].position;
+        let side = |piece: &Piece| self.at_nodes(piece.interpolation(time));
+        side(&self.pieces[index + 1]) - side(&self.pieces[index])
+    }
+
+    /// The same along the whole change around it and as a share of that.
     pub(super) fn share_of_change(&self, index: usize) -> f64 {
-        let Jump {
-            position, change, ..
-        } = self.jumps[index];
-        let side = |piece: &Piece| self.at_nodes(piece.interpolation(position));
-        let height = side(&self.pieces[index + 1]) - side(&self.pieces[index]);
-        (height * change.conj()).re / change.norm_sqr()
+        let change = self.jumps[index].change;
+        (self.height(index) * change.conj()).re / change.norm_sqr()
     }
 
     fn piece_at(&self, time: f64) -> usize {
