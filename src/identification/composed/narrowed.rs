@@ -5,12 +5,10 @@
 //! lie anywhere within that spread. Begun narrowly, the shared parameters explain what they can, and
 //! the spread is widened only where the events then still disagree (decision 0034).
 
-use rayon::prelude::*;
-
 use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
-    fit::{ComposedFit, ComposedFitOptions, Place, fit_rows},
+    fit::{ComposedFit, ComposedFitOptions, Place, fit_rows, squares},
     quoted::{self, Quoted},
     rows::EventRows,
 };
@@ -72,7 +70,7 @@ pub fn narrowed(
             return Some(narrowest);
         }
         let widened = again(&narrowest, shares);
-        let shared = widened.filter(|widened| is_shared(&rows, [&narrowest, widened], options));
+        let shared = widened.filter(|widened| is_shared(events, [&narrowest, widened], options));
         Some(shared.unwrap_or(narrowest))
     };
     let mut moved = moved().unwrap_or_else(|| fit.clone());
@@ -86,23 +84,18 @@ pub fn narrowed(
 
 /// Whether the second fit, whose events may differ more, is for all of them together about as good as the first
 /// is: if not, it describes events with shares of their own and none with those that are published.
-fn is_shared(
-    rows: &[EventRows<'_>],
+pub(super) fn is_shared(
+    events: &[PreparedEvent],
     [narrowest, widened]: [&ComposedFit; 2],
     options: &ComposedFitOptions,
 ) -> bool {
     let alike = options.scatter.times([0.0; 2]);
     let left = |fit: &ComposedFit| {
-        let squares = |event: &EventRows<'_>| {
-            let (model, parameters) = (&fit.model, &fit.parameters);
-            let covariance = event.covariance(model, parameters, &alike).ok()??;
-            Some(covariance.square(&event.residual(model, parameters).ok()?))
-        };
-        rows.par_iter().map(squares).sum::<Option<f64>>()
+        let squares = squares(events, &fit.model, &fit.parameters, &alike)?;
+        Some(squares.iter().sum::<f64>())
     };
-    let [narrowest, widened] = [left(narrowest), left(widened)];
-    let most = narrowest.map_or(f64::INFINITY, |narrowest| SHARED * narrowest);
-    widened.is_some_and(|widened| widened <= most)
+    let most = left(narrowest).map_or(f64::INFINITY, |narrowest| SHARED * narrowest);
+    left(widened).is_some_and(|widened| widened <= most)
 }
 
 /// `fit` with its thresholds between two dips not free.

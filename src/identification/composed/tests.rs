@@ -219,6 +219,25 @@ fn events_that_agree_do_not_make_stated_errors_smaller() {
 }
 
 #[test]
+fn a_share_that_no_event_has_is_not_taken_for_one_that_all_have() {
+    let model = ComposedModel::new(&Structure::zip_im());
+    let truth = model.typical();
+    let events = drawn_by(&model, &truth, &events());
+    let options = ComposedFitOptions::default();
+    let shared = fit(&events, &model, &truth, &FREE, &options, &|| false).unwrap();
+    let with = |motor_share: f64| {
+        let mut other = shared.clone();
+        other.parameters[3] = motor_share;
+        other
+    };
+    let is_shared = |other| narrowed::is_shared(&events, [&shared, &other], &options);
+    assert!(is_shared(shared.clone()));
+    assert!(!is_shared(with(0.75 * shared.parameters[3])));
+    // What cannot be simulated is shared by none.
+    assert!(!is_shared(with(f64::NAN)));
+}
+
+#[test]
 fn residuals_that_last_make_stated_errors_larger() {
     let model = ComposedModel::new(&Structure::zip_im());
     let white = drawn_by(&model, &model.typical(), &events());
