@@ -120,6 +120,12 @@ impl<'a> Case<'a> {
         })
     }
 
+    /// Frames per second of the slowest event.
+    pub(super) fn rate_fps(&self) -> f64 {
+        let rates = self.judged.iter().map(|event| event.rate_fps);
+        rates.fold(f64::INFINITY, f64::min)
+    }
+
     /// Untouched events that the structure at the start has no response in are refused with the
     /// reason: no later structure is quoted on others. Gating events in which what was fitted without
     /// them has none are fitted instead: the more is missing, the more tells such an event. So are those that it

@@ -8,14 +8,17 @@ use super::{
         Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable,
     },
     round::{Round, round},
-    trials::{Trial, amplitude},
+    trials::{Trial, amplitude, too_fast},
     unexplained,
     where_it_fails::{failure, pooled},
 };
 use crate::{
     disturbance::Window,
     identification::{FittedStructure, IdentificationError, composed_parameters},
-    load_model::{Structure, effect::Role},
+    load_model::{
+        Structure,
+        effect::{Declaration, Parameter, Role},
+    },
     measurement::Site,
 };
 
@@ -132,7 +135,10 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         failures,
         candidates,
         answer_set,
-        untestable: trials().filter_map(|t| untestable(round, t)).collect(),
+        untestable: trials()
+            .filter_map(|t| untestable(round, t))
+            .chain(too_slow(case, structure))
+            .collect(),
         unexplained,
         model: Some(FittedStructure::of(fit, &case.trend)),
         cost: DiagnosisCost {
@@ -250,19 +256,42 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
     listed.map(candidate).collect()
 }
 
+/// The instruments that so few samples per second cannot show.
+fn too_slow(case: &Case<'_>, structure: &Structure) -> Vec<Untestable> {
+    let unseen = |declaration: &'static Declaration| {
+        let (parameter, meaningful) = first_amplitude(declaration)?;
+        Some(Untestable {
+            effect: declaration.name.to_owned(),
+            smallest_detectable_amplitude: f64::INFINITY,
+            meaningful_amplitude: meaningful,
+            amplitude: parameter.name.to_owned(),
+            unit: parameter.unit.to_owned(),
+            needs: format!(
+                "{} frames/s, these events have {}",
+                declaration.needs.rate_fps,
+                case.rate_fps()
+            ),
+        })
+    };
+    let hidden = too_fast(structure, case).into_iter();
+    hidden.filter_map(unseen).collect()
+}
+
+/// The amplitude that an effect is judged by, and the smallest worth reporting.
+fn first_amplitude(declaration: &Declaration) -> Option<(&Parameter, f64)> {
+    let parameter = declaration.parameters.iter().find(|p| p.is_amplitude())?;
+    match parameter.role {
+        Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful } => {
+            Some((parameter, meaningful))
+        }
+        _ => None,
+    }
+}
+
 /// The smallest amplitude that would have shown, where that is more than what would be worth
 /// reporting.
 fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
-    let parameter = trial
-        .declaration
-        .parameters
-        .iter()
-        .find(|p| p.is_amplitude())?;
-    let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) =
-        parameter.role
-    else {
-        return None;
-    };
+    let (parameter, meaningful) = first_amplitude(trial.declaration)?;
     let misfit = round.base().chi_square().max(1.0).sqrt();
     let detectable = DETECTABLE_ERRORS * misfit * trial.score.amplitude_error;
     let range = (parameter.upper - parameter.neutral).max(parameter.neutral - parameter.lower);

@@ -47,6 +47,8 @@ const EXCHANGE_SHARE_OF_LEFT: f64 = 0.03;
 const WORSE_MAX: f64 = 0.02;
 /// ... or by this one, where that on all judged events does not rise: the held-out ones are few.
 const WORSE_MAX_OF_FEW: f64 = 0.25;
+/// A step is not taken either where the error on untouched events rises by more than this share.
+const WORSE_MAX_UNTOUCHED: f64 = 0.1;
 
 /// Goes round: diagnose, add what is missing, refit, drop what became superfluous.
 ///
@@ -259,10 +261,7 @@ impl<'a> Stairs<'a> {
         };
         match climbed() {
             Ok(higher) if self.worse(&higher.step) => Ok(Err(Refused {
-                reason: format!(
-                    "the error on events not fitted rises to {:.2} times the noise",
-                    deciding(&higher.step.errors).error_to_noise
-                ),
+                reason: self.why_worse(&higher.step),
                 worse: Some(Box::new(higher)),
             })),
             Ok(higher) => Ok(Ok(higher)),
@@ -321,7 +320,7 @@ impl<'a> Stairs<'a> {
         let ground = Ground::new(&case.judged, &fewer.structure, &origins, options, cancel);
         let left: f64 = self.at.all.squares.iter().sum();
         let mut best: Option<(f64, &str, ComposedFit)> = None;
-        for new in addable(&fewer.structure, case.options) {
+        for new in addable(&fewer.structure, case) {
             if new == old || !alike(old, new) {
                 continue;
             }
@@ -405,6 +404,16 @@ impl<'a> Stairs<'a> {
         before.is_some_and(|before| is_worse(&before.errors, &step.errors))
     }
 
+    fn why_worse(&self, step: &ImprovementStep) -> String {
+        let before = self.steps.last();
+        let of_untouched = before.and_then(|b| rise_on_untouched(&b.errors, &step.errors));
+        let (events, error) = match of_untouched {
+            Some(error) => ("untouched events", error),
+            None => ("events not fitted", deciding(&step.errors).error_to_noise),
+        };
+        format!("the error on {events} rises to {error:.2} times the noise")
+    }
+
     fn step(
         &self,
         at: &Baseline,
@@ -441,8 +450,8 @@ fn claimed(found: &Diagnosis) -> Option<String> {
     found.answer_set.first().filter(|_| missing).cloned()
 }
 
-/// The errors by which a step is taken or not: never those of the untouched events, which are quoted
-/// and must not have been chosen by.
+/// The errors by which a step is taken: never those of the untouched events, which are quoted and must not have
+/// been chosen by. They can only speak against it.
 fn deciding(errors: &StructureErrors) -> &ErrorSummary {
     errors.gate.as_ref().unwrap_or(&errors.fit)
 }
@@ -452,6 +461,14 @@ fn is_worse(before: &StructureErrors, after: &StructureErrors) -> bool {
     let falls = after.judged_error_to_noise() <= before.judged_error_to_noise();
     let most = if falls { WORSE_MAX_OF_FEW } else { WORSE_MAX };
     deciding(after).error_to_noise > (1.0 + most) * deciding(before).error_to_noise
+        || rise_on_untouched(before, after).is_some()
+}
+
+/// The error on untouched events where it rises so far that nobody would want the step.
+fn rise_on_untouched(before: &StructureErrors, after: &StructureErrors) -> Option<f64> {
+    let [before, after] = [before, after].map(|e| e.untouched.as_ref());
+    let (before, after) = (before?.error_to_noise, after?.error_to_noise);
+    (after > (1.0 + WORSE_MAX_UNTOUCHED) * before).then_some(after)
 }
 
 /// Whether one of two effects is declared to resemble the other.
@@ -504,5 +521,20 @@ mod tests {
         assert!(worse([1.6, 2.5]));
         assert!(worse([2.6, 2.0]));
         assert!(worse([1.6, f64::INFINITY]) && worse([f64::INFINITY, 2.0]));
+    }
+
+    #[test]
+    fn untouched_events_speak_against_what_raises_their_error() {
+        let quoted = |error: f64| StructureErrors {
+            untouched: Some(ErrorSummary {
+                error_to_noise: error,
+                ..ErrorSummary::default()
+            }),
+            ..errors([2.0, 2.0], [6, 2])
+        };
+        let worse = |after: f64| is_worse(&quoted(1.8), &quoted(after));
+        assert!(!worse(1.0) && !worse(1.9) && worse(2.1) && worse(f64::INFINITY));
+        // From nothing that can be simulated every number is a fall.
+        assert!(!is_worse(&quoted(f64::INFINITY), &quoted(70.0)));
     }
 }

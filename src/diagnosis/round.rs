@@ -70,7 +70,7 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     let mut asked = Fitted::new(case, asked);
     let accompanied = companions(case, &asked.baseline)?.map(|with| Fitted::new(case, with));
     let base = accompanied.as_ref().unwrap_or(&asked);
-    let names = addable(&base.baseline.structure, case.options);
+    let names = addable(&base.baseline.structure, case);
     let (base, mut list) = trials(case, base.clone(), &names, Goal::Claim)?;
     let accompanied = if accompanied.is_some() {
         // They may only have helped the fit of the structure itself on.
@@ -161,7 +161,7 @@ fn or_a_rival(
             decision,
         });
     };
-    let may_be_added = addable(&asked.baseline.structure, case.options);
+    let may_be_added = addable(&asked.baseline.structure, case);
     let names: Vec<&'static str> = (may_be_added.into_iter())
         .filter(|name| resembled.contains(name))
         .collect();
@@ -398,7 +398,7 @@ fn pair(
             &case.options.composed,
             case.watcher.cancel,
         )?;
-        let names = addable(&base.structure, case.options);
+        let names = addable(&base.structure, case);
         let (_, seconds) = trials(case, Fitted::new(case, base), &names, Goal::Reach)?;
         let found = seconds.iter().find(|t| {
             t.evidence

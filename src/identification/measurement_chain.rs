@@ -16,9 +16,14 @@ use nalgebra::Complex;
 use super::phasor_filter::PhasorFilter;
 use crate::{load_model::TerminalInput, numerics::Scalar};
 
+mod late;
+
+pub use late::LateReport;
+
 /// The instrument of one event as a sparse linear operator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasurementChain {
+    grid: Grid,
     /// Output instant of each measured sample.
     instants: Vec<usize>,
     /// Samples that the filter changes, in order.
@@ -82,6 +87,7 @@ impl MeasurementChain {
             .filter(|&k| parts.filtered[k])
             .filter_map(|k| grid.filtered_sample(k))
             .collect();
+        let voltage = grid.u.iter().map(|u| u.norm()).collect();
         let last = parts.frequency_deviation.len().saturating_sub(1);
         let frequency_deviation = points
             .iter()
@@ -93,9 +99,10 @@ impl MeasurementChain {
             })
             .collect();
         Self {
+            grid,
             instants,
             filtered,
-            voltage: grid.u.iter().map(|u| u.norm()).collect(),
+            voltage,
             frequency_deviation,
         }
     }
@@ -191,12 +198,22 @@ impl FilteredSample {
 }
 
 /// Output instants with their voltage, and the filter over them.
-struct Grid<'a> {
-    parts: &'a ChainParts<'a>,
+#[derive(Clone, Debug, PartialEq)]
+struct Grid {
     /// Output instants, samples.
     time: Vec<f64>,
     u: Vec<Complex<f64>>,
+    filter: PhasorFilter,
+    /// Half of the window's width, samples.
+    half_width: f64,
+    /// Instants of the jumps, samples, in order.
+    jumps: Vec<f64>,
+    /// How far on either side of a jump an instant is on neither: the input spreads it over one fine grid interval.
+    blurred: f64,
 }
+
+/// Simpson's rule, exact for a line times a line, divides by this.
+const SIMPSON: f64 = 6.0;
 
 /// A cell between output instants on which power runs straight: from `low` to `high` along the line
 /// through instants `a` and `b`.
@@ -207,12 +224,15 @@ struct Cell {
     b: usize,
 }
 
-impl<'a> Grid<'a> {
-    fn new(parts: &'a ChainParts<'a>) -> Self {
+impl Grid {
+    fn new(parts: &ChainParts<'_>) -> Self {
         let per = parts.input.points_per_sample as f64;
         let points = parts.input.output_points();
         Self {
-            parts,
+            filter: parts.filter,
+            half_width: parts.half_width,
+            jumps: parts.jumps.to_vec(),
+            blurred: 0.5 / per + 1e-9,
             time: points.iter().map(|&p| p as f64 / per).collect(),
             u: points
                 .iter()
@@ -246,33 +266,15 @@ impl<'a> Grid<'a> {
     /// First output instant and the weights of it and those that follow in the mean over the window
     /// around `time`; they sum to 1.
     fn weights(&self, time: f64) -> Option<(usize, Vec<f64>)> {
-        let half = self.parts.half_width;
-        let (low, high) = (time - half, time + half);
+        let (low, high) = (time - self.half_width, time + self.half_width);
         let end = self.time.len();
         // Two more instants each side for the lines that are extended to a jump.
         let first = self.time.partition_point(|t| *t <= low).saturating_sub(3);
         let last = (self.time.partition_point(|t| *t < high) + 2).min(end.checked_sub(1)?);
         let mut weights = vec![0.0; last + 1 - first];
-        for cell in self.cells(first, last) {
-            let (a, b) = (cell.low.max(low), cell.high.min(high));
-            let middle = time.clamp(a.min(b), b);
-            for (from, to) in [(a, middle), (middle, b)] {
-                if to <= from {
-                    continue;
-                }
-                let (t_a, t_b) = (self.time[cell.a], self.time[cell.b]);
-                for (t, share) in [(from, 1.0), (0.5 * (from + to), 4.0), (to, 1.0)] {
-                    let weight = self.parts.filter.weight((t - time) / half) * share * (to - from);
-                    let along = if cell.a == cell.b {
-                        0.0
-                    } else {
-                        (t - t_a) / (t_b - t_a)
-                    };
-                    weights[cell.a - first] += weight * (1.0 - along);
-                    weights[cell.b - first] += weight * along;
-                }
-            }
-        }
+        self.integrate(time, first, &mut weights, |offset, _| {
+            self.filter.weight(offset)
+        });
         let total: f64 = weights.iter().sum();
         for weight in &mut weights {
             *weight /= total;
@@ -280,20 +282,93 @@ impl<'a> Grid<'a> {
         (total > 0.0).then_some((first, weights))
     }
 
+    /// Derivatives of [`Self::weights`] with respect to `time`.
+    fn weight_slopes(&self, time: f64, first: usize, weights: &[f64]) -> Vec<f64> {
+        let half = self.half_width;
+        let mut slopes = vec![0.0; weights.len()];
+        self.integrate(time, first, &mut slopes, |_, within| {
+            -self.filter.slope(within) / half
+        });
+        // What enters the window on one side and leaves it on the other.
+        let cells = self.cells(first, first + weights.len() - 1);
+        for (edge, sign) in [(time + half, 1.0), (time - half, -1.0)] {
+            let height = SIMPSON * sign * self.filter.weight((edge - time) / half);
+            if let Some(cell) = cells.iter().find(|c| c.low <= edge && edge <= c.high) {
+                let along = self.along(cell, edge);
+                slopes[cell.a - first] += height * (1.0 - along);
+                slopes[cell.b - first] += height * along;
+            }
+        }
+        let mut total = vec![0.0; weights.len()];
+        self.integrate(time, first, &mut total, |offset, _| {
+            self.filter.weight(offset)
+        });
+        let total: f64 = total.iter().sum();
+        let change: f64 = slopes.iter().sum::<f64>() / total;
+        let both = slopes.iter().zip(weights);
+        both.map(|(slope, weight)| slope / total - weight * change)
+            .collect()
+    }
+
+    /// Adds to the place of each instant [`SIMPSON`] times the integral of its share of the power times a kernel, over
+    /// the window. The kernel gets the distance from `time` in half widths, and one within the same half of the window.
+    fn integrate(
+        &self,
+        time: f64,
+        first: usize,
+        into: &mut [f64],
+        kernel: impl Fn(f64, f64) -> f64,
+    ) {
+        let half = self.half_width;
+        let (low, high) = (time - half, time + half);
+        for cell in self.cells(first, first + into.len() - 1) {
+            let (a, b) = (cell.low.max(low), cell.high.min(high));
+            let middle = time.clamp(a.min(b), b);
+            for (from, to) in [(a, middle), (middle, b)] {
+                if to <= from {
+                    continue;
+                }
+                let centre = 0.5 * (from + to);
+                let within = (centre - time) / half;
+                for (t, share) in [(from, 1.0), (centre, 4.0), (to, 1.0)] {
+                    let weight = kernel((t - time) / half, within) * share * (to - from);
+                    let along = self.along(&cell, t);
+                    into[cell.a - first] += weight * (1.0 - along);
+                    into[cell.b - first] += weight * along;
+                }
+            }
+        }
+    }
+
+    /// How far a time is along the line of a cell.
+    fn along(&self, cell: &Cell, time: f64) -> f64 {
+        let (a, b) = (self.time[cell.a], self.time[cell.b]);
+        if cell.a == cell.b {
+            0.0
+        } else {
+            (time - a) / (b - a)
+        }
+    }
+
+    /// Whether the voltage jumps between an output instant and the next.
+    fn jumps_between(&self, left: usize) -> bool {
+        self.jump_between(left).is_some()
+    }
+
+    fn jump_between(&self, left: usize) -> Option<f64> {
+        let (from, to) = (self.time[left], self.time[left + 1]);
+        let mut jumps = self.jumps.iter().copied();
+        jumps.find(|p| *p + self.blurred > from && *p - self.blurred < to)
+    }
+
     /// The cells between instants `first` and `last`; at a jump the lines of both sides are
     /// extended to it.
     fn cells(&self, first: usize, last: usize) -> Vec<Cell> {
-        // The input spreads a jump over one fine grid interval: an instant within is on neither side.
-        let blurred = 0.5 / self.parts.input.points_per_sample as f64 + 1e-9;
+        let blurred = self.blurred;
         let mut cells = Vec::with_capacity(last - first + 4);
         let mut j = first;
         while j < last {
-            let jump = self
-                .parts
-                .jumps
-                .iter()
-                .copied()
-                .find(|p| *p + blurred > self.time[j] && *p - blurred < self.time[j + 1]);
+            let jump = self.jump_between(j);
             let Some(jump) = jump else {
                 cells.push(Cell {
                     low: self.time[j],
@@ -335,11 +410,11 @@ impl<'a> Grid<'a> {
 mod tests {
     use super::*;
 
-    const SAMPLES: usize = 21;
-    const PER: usize = 32;
+    pub(super) const SAMPLES: usize = 21;
+    pub(super) const PER: usize = 32;
 
     /// A dip of complex voltage that begins at `jump` samples, with dense intervals around it.
-    fn dip(jump: f64) -> TerminalInput {
+    pub(super) fn dip(jump: f64) -> TerminalInput {
         let u: Vec<Complex<f64>> = (0..=(SAMPLES - 1) * PER)
             .map(|i| {
                 let late = (i as f64 / PER as f64 - jump) * PER as f64 + 0.5;

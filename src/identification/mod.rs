@@ -44,7 +44,7 @@ pub use identify::{
     Identification, IdentificationError, IdentificationOptions, Split, compare, compare_fitted,
     conclude, errors_on, identify, median_operating_point, prepare_all,
 };
-pub use measurement_chain::MeasurementChain;
+pub use measurement_chain::{LateReport, MeasurementChain};
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use phasor_filter::{FilterChoice, PhasorFilter};
 pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};

@@ -51,4 +51,12 @@ impl PhasorFilter {
             Self::PClass => 1.0 - offset.abs(),
         }
     }
+
+    /// Slope of [`Self::weight`], of the side on which `offset` lies.
+    pub(super) fn slope(self, offset: f64) -> f64 {
+        match self {
+            Self::None | Self::OneCycle => 0.0,
+            Self::PClass => -offset.signum(),
+        }
+    }
 }

@@ -330,6 +330,12 @@ pub trait Declared: Debug + Send + Sync {
         &[]
     }
 
+    /// Name of the parameter, in s, by which an instrument reports P and Q late, in whatever else it does. Where
+    /// a simulation leaves that to its caller ([`Drive::leaves_delay`](crate::load_model::Drive)), [`Equations::measure`] is not called.
+    fn delay(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Names of shapes that decide how often something happens in an event, not how: another event is foretold
     /// by them to a step. What is judged without an event has them as with it.
     fn bracketed(&self) -> &'static [&'static str] {

@@ -1,6 +1,9 @@
 //! A composed model with its parameters, as the rest of the identification sees any fitted model.
 
-use super::{operating_point::at_operating_point, rows::drive};
+use super::{
+    operating_point::at_operating_point,
+    rows::{drive, reported},
+};
 use crate::{
     identification::{
         evaluate::{Curves, EventModel},
@@ -27,7 +30,7 @@ impl EventModel for ComposedLoad {
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
         let own = at_operating_point(&self.model, &self.parameters, event).0;
         let response = self.model.simulate(&own, &[], &drive(event))?;
-        let measured = event.chain.measured(&response.active, &response.reactive);
+        let measured = reported(event, &self.model, &self.parameters, &response);
         let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();
         let mut curves = Curves { active, reactive };
         curves.shift_to(event);

@@ -9,7 +9,9 @@ use super::{
     operating_point::{at_operating_point, load_exponents},
 };
 use crate::{
-    identification::{evaluate::Curves, intake::PreparedEvent, joint_problem::ProblemOptions},
+    identification::{
+        LateReport, evaluate::Curves, intake::PreparedEvent, joint_problem::ProblemOptions,
+    },
     load_model::{
         composed::{Accuracy, ComposedModel, Drive, Grid, MotorCourse, Response, SimulationError},
         effect::{Place, Role},
@@ -147,7 +149,14 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
     ) -> Result<DVector<f64>, SimulationError> {
         let response = self.simulate(model, parameters, &[])?;
-        let mut rows = self.stacked(&response.active, &response.reactive);
+        let late = Lateness::new(self.event, model, parameters, &[]);
+        let mut rows = DVector::zeros(self.count());
+        self.report(
+            late.as_ref(),
+            &response.active,
+            &response.reactive,
+            rows.as_mut_slice(),
+        );
         self.subtracted(rows.as_mut_slice());
         Ok(rows)
     }
@@ -162,12 +171,18 @@ impl<'a> EventRows<'a> {
     ) -> Result<DMatrix<f64>, SimulationError> {
         let sources = self.sources(model, parameters, wanted);
         let response = self.simulate(model, parameters, &sources.simulated)?;
+        let late = Lateness::new(self.event, model, parameters, wanted);
+        let late = late.as_ref();
         let mut rows = DMatrix::zeros(self.count(), wanted.len() + 1);
         let derivatives = [&response.active_derivatives, &response.reactive_derivatives];
-        self.set_columns(&mut rows, &sources, derivatives);
+        self.set_columns(&mut rows, &sources, late, derivatives);
+        let powers = [&response.active[..], &response.reactive[..]];
+        if let Some((late, column)) = late.and_then(|late| Some((late, late.column?))) {
+            late.by_delay(&self.used, powers, rows.column_mut(column).as_mut_slice());
+        }
         let mut residual = rows.column_mut(wanted.len());
         let residual = residual.as_mut_slice();
-        self.report(&response.active, &response.reactive, residual);
+        self.report(late, powers[0], powers[1], residual);
         self.subtracted(residual);
         Ok(rows)
     }
@@ -183,7 +198,9 @@ impl<'a> EventRows<'a> {
     fn sources(&self, model: &ComposedModel, parameters: &[f64], wanted: &[usize]) -> Sources {
         let exponents = load_exponents(model);
         let p0_pu = self.event.p0_pu;
-        let mut simulated = wanted.to_vec();
+        let delay = model.delay();
+        let simulated = wanted.iter().copied().filter(|w| Some(*w) != delay);
+        let mut simulated: Vec<usize> = simulated.collect();
         for e in &exponents {
             if wanted.contains(&e.exponent) && !wanted.contains(&e.amplitude) {
                 simulated.push(e.amplitude);
@@ -212,6 +229,7 @@ impl<'a> EventRows<'a> {
         &self,
         rows: &mut DMatrix<f64>,
         sources: &Sources,
+        late: Option<&Lateness>,
         [active, reactive]: [&Vec<Vec<f64>>; 2],
     ) {
         for (column, source) in sources.columns.iter().enumerate() {
@@ -220,7 +238,7 @@ impl<'a> EventRows<'a> {
             };
             let mut into = rows.column_mut(column);
             let into = into.as_mut_slice();
-            self.report(&active[*place], &reactive[*place], into);
+            self.report(late, &active[*place], &reactive[*place], into);
             for row in into {
                 *row *= *factor;
             }
@@ -247,7 +265,8 @@ impl<'a> EventRows<'a> {
         wanted: &[usize],
         motor: Option<&MotorCourse>,
     ) -> Result<DMatrix<f64>, SimulationError> {
-        if let Some(motor) = motor {
+        let by_delay = model.delay().is_some_and(|delay| wanted.contains(&delay));
+        if let Some(motor) = motor.filter(|_| !by_delay) {
             let (own, slopes) = at_operating_point(model, parameters, self.event);
             let sources = self.sources(model, parameters, wanted);
             let simulated = &sources.simulated;
@@ -256,8 +275,9 @@ impl<'a> EventRows<'a> {
                 model.derivatives_beside(motor, &own, simulated, &drive)?
             {
                 refer([&mut active, &mut reactive], simulated, &slopes);
+                let late = Lateness::new(self.event, model, parameters, wanted);
                 let mut rows = DMatrix::zeros(self.count(), wanted.len());
-                self.set_columns(&mut rows, &sources, [&active, &reactive]);
+                self.set_columns(&mut rows, &sources, late.as_ref(), [&active, &reactive]);
                 return Ok(rows);
             }
         }
@@ -327,13 +347,19 @@ impl<'a> EventRows<'a> {
     /// P and Q at the output instants as the instrument reports them, at the used samples.
     fn stacked(&self, active: &[f64], reactive: &[f64]) -> DVector<f64> {
         let mut rows = DVector::zeros(self.count());
-        self.report(active, reactive, rows.as_mut_slice());
+        self.report(None, active, reactive, rows.as_mut_slice());
         rows
     }
 
-    /// The same, written to the rows `into`.
-    fn report(&self, active: &[f64], reactive: &[f64], into: &mut [f64]) {
+    /// The same of an instrument that may be late, written to the rows `into`.
+    fn report(&self, late: Option<&Lateness>, active: &[f64], reactive: &[f64], into: &mut [f64]) {
         let (chain, (p, q)) = (&self.event.chain, into.split_at_mut(self.used.len()));
+        if let Some(late) = late.filter(|late| late.is_late) {
+            for ((&k, p), q) in self.used.iter().zip(p).zip(q) {
+                [*p, *q] = late.report.measured(k, active, reactive);
+            }
+            return;
+        }
         let mut filtered = chain.filtered().iter().peekable();
         for ((&k, p), q) in self.used.iter().zip(p).zip(q) {
             while filtered.next_if(|f| f.sample < k).is_some() {}
@@ -344,6 +370,61 @@ impl<'a> EventRows<'a> {
                 [active[at], reactive[at]]
             };
         }
+    }
+}
+
+/// How late the instrument of an event is under some parameters.
+struct Lateness {
+    report: LateReport,
+    /// Whether it is late at all: on time is on time to the last bit.
+    is_late: bool,
+    rate_fps: f64,
+    /// Where among the wanted derivatives that by the delay is.
+    column: Option<usize>,
+}
+
+impl Lateness {
+    /// None where the instrument is on time and nobody asks what it would be otherwise.
+    fn new(
+        event: &PreparedEvent,
+        model: &ComposedModel,
+        parameters: &[f64],
+        wanted: &[usize],
+    ) -> Option<Self> {
+        let delay = model.delay()?;
+        let column = wanted.iter().position(|w| *w == delay);
+        let is_late = parameters[delay].abs() > 0.0;
+        (is_late || column.is_some()).then(|| Self {
+            report: event.chain.late(parameters[delay] * event.rate_fps),
+            is_late,
+            rate_fps: event.rate_fps,
+            column,
+        })
+    }
+
+    /// Derivatives of the rows by the delay, 1/s.
+    fn by_delay(&self, used: &[usize], [active, reactive]: [&[f64]; 2], into: &mut [f64]) {
+        let (p, q) = into.split_at_mut(used.len());
+        for ((&k, p), q) in used.iter().zip(p).zip(q) {
+            let slopes = self.report.by_delay(k, active, reactive);
+            [*p, *q] = slopes.map(|slope| self.rate_fps * slope);
+        }
+    }
+}
+
+/// What a model's instrument reports of its power at the output instants, sample by sample.
+pub(super) fn reported(
+    event: &PreparedEvent,
+    model: &ComposedModel,
+    parameters: &[f64],
+    response: &Response,
+) -> Vec<[f64; 2]> {
+    let (active, reactive) = (&response.active, &response.reactive);
+    match Lateness::new(event, model, parameters, &[]) {
+        Some(late) => (0..event.len())
+            .map(|k| late.report.measured(k, active, reactive))
+            .collect(),
+        None => event.chain.measured(active, reactive),
     }
 }
 
@@ -366,11 +447,14 @@ fn refer([active, reactive]: [&mut Vec<Vec<f64>>; 2], wanted: &[usize], slopes: 
 
 /// What drives a composed model in an event.
 pub(super) fn drive(event: &PreparedEvent) -> Drive<'_> {
-    Drive::new(
-        &event.input,
-        event.chain.output_frequency_deviation(),
-        event.q0_pu / event.p0_pu,
-    )
+    Drive {
+        leaves_delay: true,
+        ..Drive::new(
+            &event.input,
+            event.chain.output_frequency_deviation(),
+            event.q0_pu / event.p0_pu,
+        )
+    }
 }
 
 /// The parameters that vary from event to event, with the standard deviation of each.

@@ -11,6 +11,10 @@ use super::{
     voltage::{Jump, Log, Measured, Voltage},
 };
 
+mod instant;
+
+use instant::{bent, deviation, instant, within};
+
 /// Samples each side of a cluster of jumps that take part in finding the instants.
 const AROUND: usize = 8;
 /// The instant is sought this far before the steepest step and after it, samples.
@@ -18,6 +22,8 @@ const BEFORE: f64 = 0.8;
 const AFTER: f64 = 1.8;
 /// Instants that were sought together are taken where they leave less by this: two standard deviations.
 const BETTER: f64 = 4.0;
+/// Where samples are few, a jump is taken where without it more than this much more is left.
+const NEEDED: f64 = 12.0;
 /// Distance of the instants that are tried first, and least distance of two jumps, samples.
 const COARSE: f64 = 0.2;
 const LEAST_APART: f64 = 0.1;
@@ -34,6 +40,9 @@ const CONVINCING: f64 = 15.0;
 /// Of the change from before the filter's window to after it at least this share is the jump itself;
 /// less is a ramp.
 const HEIGHT_SHARE: f64 = 0.5;
+/// The same where the filter's window is short: the change then spans three samples of whatever moves, and that the
+/// jump is needed has been shown.
+const HEIGHT_SHARE_SHORT: f64 = 0.25;
 /// Where the filter's window is shorter than this many samples one or two of them hold all that tells a jump from a
 /// bend, and what lies on either side may bend at will: a jump is then preferred to be this share of the change ...
 const SHORT_WINDOW: f64 = 1.5;
@@ -83,7 +92,7 @@ pub(super) fn find(
         (FilterChoice::Auto, Some(_)) => vec![PhasorFilter::None],
         (FilterChoice::Auto, None) => vec![PhasorFilter::PClass, PhasorFilter::OneCycle],
     };
-    let mut best: Option<(f64, Vec<Located>, Measured)> = None;
+    let mut best: Option<(f64, Vec<Jump>, Vec<Located>, Measured)> = None;
     for filter in shapes {
         let problem = measured(filter, calm.clone());
         let candidates = if filter == PhasorFilter::None {
@@ -91,14 +100,13 @@ pub(super) fn find(
         } else {
             candidates(&problem, steep)
         };
-        let located = located(&problem, &candidates);
-        let misfit: f64 = located.iter().map(|l| l.misfit).sum();
+        let (located, misfit) = located(&problem, &candidates);
         let convincing = |b: f64| misfit < (1.0 - CONVINCING_SHARE) * b - CONVINCING;
         if best.as_ref().is_none_or(|b| convincing(b.0)) {
-            best = Some((misfit, located, problem));
+            best = Some((misfit, candidates, located, problem));
         }
     }
-    let Some((_, located, mut problem)) = best else {
+    let Some((_, candidates, located, mut problem)) = best else {
         return Found {
             measured: measured(PhasorFilter::None, calm),
             jumps: Vec::new(),
@@ -111,7 +119,14 @@ pub(super) fn find(
         .filter(|l| l.explained)
         .map(|l| (l.jump, l.edge(&problem)))
         .collect();
-    let unexplained = unexplained(&problem, steep, &jumps);
+    let is_swing = |k: usize| {
+        let nearest = candidates.iter().min_by_key(|c| c.anchor.abs_diff(k));
+        nearest.is_some_and(|c| located.iter().all(|l| l.jump.anchor != c.anchor))
+    };
+    let mut unexplained = unexplained(&problem, steep, &jumps);
+    for (k, unexplained) in unexplained.iter_mut().enumerate() {
+        *unexplained &= !is_swing(k);
+    }
     for (k, size) in problem.steep.iter_mut().enumerate() {
         if unexplained[k] {
             *size = distance(log[k], log[k + 1]);
@@ -131,8 +146,6 @@ struct Located {
     jump: Jump,
     deviation: f64,
     mismatch: f64,
-    /// Its part of the objective.
-    misfit: f64,
     explained: bool,
 }
 
@@ -172,7 +185,7 @@ fn unfiltered_candidates(log: &[Log], edges: &[Edge]) -> Vec<Jump> {
         .map(|edge| Jump {
             anchor: edge.left,
             position: edge.position,
-            size: distance(log[edge.left], log[edge.right]),
+            change: log[edge.right] - log[edge.left],
         })
         .collect()
 }
@@ -222,24 +235,22 @@ fn candidates(measured: &Measured, steep: &[bool]) -> Vec<Jump> {
         .map(|anchor| Jump {
             anchor,
             position: anchor as f64 + 0.5,
-            size: distance(
-                log[anchor.saturating_sub(reach)],
-                log[(anchor + 1 + reach).min(last)],
-            ),
+            change: log[(anchor + 1 + reach).min(last)] - log[anchor.saturating_sub(reach)],
         })
         .collect()
 }
 
-/// Finds the instants, cluster by cluster.
+/// Finds the instants, cluster by cluster, and what they leave of the voltage.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "a filter spans a handful of samples"
 )]
-fn located(measured: &Measured, candidates: &[Jump]) -> Vec<Located> {
+fn located(measured: &Measured, candidates: &[Jump]) -> (Vec<Located>, f64) {
     let reach = measured.half_width.ceil() as usize;
     let last = measured.log.len() - 1;
     let mut list = Vec::with_capacity(candidates.len());
+    let mut misfit = 0.0;
     let mut start = 0;
     while start < candidates.len() {
         let mut end = start + 1;
@@ -256,11 +267,13 @@ fn located(measured: &Measured, candidates: &[Jump]) -> Vec<Located> {
         let to = candidates
             .get(end)
             .map_or(to, |next| to.min(next.anchor - reach - 1));
-        list.extend(cluster(measured, (from, to), &candidates[start..end]));
+        let (found, left) = cluster(measured, (from, to), &candidates[start..end]);
+        list.extend(found);
+        misfit += left;
         start = end;
     }
     refuse_ramps(measured, &mut list);
-    list
+    (list, misfit)
 }
 
 /// Behind a filter two jumps the same way, close to each other, look like a ramp: neither is taken.
@@ -291,12 +304,15 @@ impl Measured {
     }
 }
 
-/// Jumps at the instants found one after the other and then again, the voltage with them, and what it leaves.
-fn descended(
-    measured: &Measured,
-    range: (usize, usize),
-    mut jumps: Vec<Jump>,
-) -> (Vec<Jump>, Option<Voltage>, f64) {
+/// Jumps at their instants, the voltage with them, and what it leaves.
+struct Settled {
+    jumps: Vec<Jump>,
+    fit: Option<Voltage>,
+    left: f64,
+}
+
+/// Jumps at the instants found one after the other and then again.
+fn descended(measured: &Measured, range: (usize, usize), mut jumps: Vec<Jump>) -> Settled {
     let mut fit = Voltage::fit(measured, range, &jumps, None);
     if measured.filter != PhasorFilter::None {
         let rounds = if jumps.len() > 1 { 3 } else { 1 };
@@ -308,53 +324,98 @@ fn descended(
         }
     }
     let left = fit.as_ref().map_or(f64::INFINITY, |fit| {
-        let bent = |index: usize| bent(measured, fit, index, jumps[index].size);
+        let bent = |index: usize| bent(measured, fit, index);
         fit.objective + (0..jumps.len()).map(bent).sum::<f64>()
     });
-    (jumps, fit, left)
+    Settled { jumps, fit, left }
 }
 
-/// The instants of jumps close to each other, one after the other and then again.
-fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> Vec<Located> {
+/// The instants of jumps close to each other, one after the other and then again, and what all candidates leave.
+fn cluster(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> (Vec<Located>, f64) {
     let unexplained = |jump: &Jump| Located {
         jump: *jump,
         deviation: f64::INFINITY,
         mismatch: f64::INFINITY,
-        misfit: (jump.size / measured.noise).powi(2),
         explained: false,
     };
+    let none_explained = |jumps: &[Jump]| {
+        let squares = jumps.iter().map(|j| (j.size() / measured.noise).powi(2));
+        (jumps.iter().map(unexplained).collect(), squares.sum())
+    };
     if measured.filter != PhasorFilter::None && candidates.len() > FLICKER {
-        return candidates.iter().map(unexplained).collect();
+        return none_explained(candidates);
     }
-    let (mut jumps, mut fit, left) = descended(measured, range, candidates.to_vec());
-    if measured.has_short_window() && jumps.len() > 1 {
+    let all = settled(measured, range, candidates);
+    let Some(misfit) = all.fit.as_ref().map(|fit| fit.objective) else {
+        return none_explained(candidates);
+    };
+    let Settled { jumps, fit, .. } = if measured.has_short_window() {
+        needed(measured, range, candidates, all)
+    } else {
+        all
+    };
+    let Some(fit) = fit else {
+        return none_explained(&jumps);
+    };
+    let is_high = |index: usize| {
+        if measured.has_short_window() {
+            fit.share_of_change(index) >= HEIGHT_SHARE_SHORT
+        } else {
+            fit.height(index).norm() >= HEIGHT_SHARE * jumps[index].size()
+        }
+    };
+    let located = (0..jumps.len())
+        .map(|index| {
+            let jump = jumps[index];
+            let mismatch = mismatch(measured, &fit, &jump);
+            let limit = UNEXPLAINED_SHARE * jump.size() + 3.0 * measured.noise;
+            Located {
+                jump,
+                deviation: deviation(measured, range, &jumps, index, &fit),
+                mismatch,
+                explained: mismatch <= limit && is_high(index),
+            }
+        })
+        .collect();
+    (located, misfit)
+}
+
+/// The instants of jumps with what they leave, sought one after the other or together, whichever leaves less.
+fn settled(measured: &Measured, range: (usize, usize), candidates: &[Jump]) -> Settled {
+    let descended_to = descended(measured, range, candidates.to_vec());
+    if measured.has_short_window() && candidates.len() > 1 {
         let mut scanned = candidates.to_vec();
         for first in 1..scanned.len() {
             settle_pair(measured, range, &mut scanned, first - 1);
         }
         let other = descended(measured, range, scanned);
-        if other.2 < left - BETTER {
-            (jumps, fit, _) = other;
+        if other.left < descended_to.left - BETTER {
+            return other;
         }
     }
-    let Some(fit) = fit else {
-        return jumps.iter().map(unexplained).collect();
-    };
-    let count = jumps.len() as f64;
-    (0..jumps.len())
-        .map(|index| {
-            let jump = jumps[index];
-            let mismatch = mismatch(measured, &fit, &jump);
-            let limit = UNEXPLAINED_SHARE * jump.size + 3.0 * measured.noise;
-            Located {
-                jump,
-                deviation: deviation(measured, range, &jumps, index, &fit),
-                mismatch,
-                misfit: fit.objective / count,
-                explained: mismatch <= limit && fit.height(index) >= HEIGHT_SHARE * jump.size,
-            }
-        })
-        .collect()
+    descended_to
+}
+
+/// [`settled`] without the jumps that are not needed, the smallest first: where samples are few a swing has steps
+/// as steep as a jump, and what is taken for a jump there draws the others from their places.
+fn needed(
+    measured: &Measured,
+    range: (usize, usize),
+    candidates: &[Jump],
+    all: Settled,
+) -> Settled {
+    let (mut kept, mut best) = (candidates.to_vec(), all);
+    let mut smallest_first = candidates.to_vec();
+    smallest_first.sort_by(|a, b| a.size().total_cmp(&b.size()));
+    for candidate in smallest_first {
+        let mut without = kept.clone();
+        without.retain(|jump| jump.anchor != candidate.anchor);
+        let other = settled(measured, range, &without);
+        if other.left < best.left + NEEDED {
+            (kept, best) = (without, other);
+        }
+    }
+    best
 }
 
 /// Puts jump `first` and the next one, where few samples lie between them, to where both together are best, the
@@ -376,7 +437,7 @@ fn settle_pair(measured: &Measured, range: (usize, usize), jumps: &mut [Jump], f
         for late in positions((after, high)) {
             (moved[first].position, moved[first + 1].position) = (early, late);
             let value = Voltage::fit(measured, range, &moved, None).map_or(f64::INFINITY, |fit| {
-                let bent = |index: usize| bent(measured, &fit, index, moved[index].size);
+                let bent = |index: usize| bent(measured, &fit, index);
                 fit.objective + bent(first) + bent(first + 1)
             });
             if value < best.0 {
@@ -398,107 +459,6 @@ fn mismatch(measured: &Measured, fit: &Voltage, jump: &Jump) -> f64 {
         return 0.0;
     }
     (residuals.iter().sum::<f64>() / residuals.len() as f64).sqrt()
-}
-
-fn objective_at(
-    measured: &Measured,
-    range: (usize, usize),
-    jumps: &[Jump],
-    (index, position): (usize, f64),
-    start: Option<&Voltage>,
-) -> f64 {
-    let mut moved = jumps.to_vec();
-    moved[index].position = position;
-    Voltage::fit(measured, range, &moved, start).map_or(f64::INFINITY, |fit| {
-        fit.objective + bent(measured, &fit, index, moved[index].size)
-    })
-}
-
-/// What speaks against a jump that leaves most of the change to what lies on either side of it.
-fn bent(measured: &Measured, fit: &Voltage, index: usize, size: f64) -> f64 {
-    if !measured.has_short_window() || size < LARGE {
-        return 0.0;
-    }
-    let missing = (HEIGHT_EXPECTED - fit.height(index) / size).max(0.0);
-    (missing / HEIGHT_DEVIATION).powi(2)
-}
-
-/// Where a jump is sought, the others as they are.
-fn within(jumps: &[Jump], index: usize) -> (f64, f64) {
-    let anchor = jumps[index].anchor as f64;
-    let before = index
-        .checked_sub(1)
-        .map(|i| jumps[i].position + LEAST_APART);
-    let after = jumps.get(index + 1).map(|jump| jump.position - LEAST_APART);
-    (
-        before.map_or(anchor - BEFORE, |low| low.max(anchor - BEFORE)),
-        after.map_or(anchor + AFTER, |high| high.min(anchor + AFTER)),
-    )
-}
-
-/// The instant of one jump with the others as they are: coarse scan, then golden section.
-fn instant(
-    measured: &Measured,
-    range: (usize, usize),
-    jumps: &[Jump],
-    index: usize,
-    start: Option<&Voltage>,
-) -> f64 {
-    const FINE: f64 = 5e-4;
-    let (low, high) = within(jumps, index);
-    let value = |t: f64| objective_at(measured, range, jumps, (index, t), start);
-    let steps = ((high - low) / COARSE).floor();
-    let mut best = (f64::INFINITY, jumps[index].position);
-    let mut step = 0.0;
-    while step <= steps {
-        let t = low + step * COARSE;
-        let v = value(t);
-        if v < best.0 {
-            best = (v, t);
-        }
-        step += 1.0;
-    }
-    let ratio = 0.5 * (5.0_f64.sqrt() - 1.0);
-    let (mut a, mut b) = ((best.1 - COARSE).max(low), (best.1 + COARSE).min(high));
-    let (mut x, mut y) = (b - ratio * (b - a), a + ratio * (b - a));
-    let (mut fx, mut fy) = (value(x), value(y));
-    while b - a > FINE {
-        if fx <= fy {
-            (b, y, fy) = (y, x, fx);
-            x = b - ratio * (b - a);
-            fx = value(x);
-        } else {
-            (a, x, fx) = (x, y, fy);
-            y = a + ratio * (b - a);
-            fy = value(y);
-        }
-    }
-    0.5 * (a + b)
-}
-
-/// Standard deviation of an instant from the curvature of the objective, samples.
-fn deviation(
-    measured: &Measured,
-    range: (usize, usize),
-    jumps: &[Jump],
-    index: usize,
-    fit: &Voltage,
-) -> f64 {
-    const APART: f64 = 0.05;
-    /// Of a uniform distribution over one interval.
-    const UNKNOWN: f64 = 0.29;
-    if measured.filter == PhasorFilter::None {
-        return UNKNOWN;
-    }
-    let at = |t: f64| objective_at(measured, range, jumps, (index, t), Some(fit));
-    let t = jumps[index].position;
-    let least = fit.objective + bent(measured, fit, index, jumps[index].size);
-    let curvature = (at(t - APART) - 2.0 * least + at(t + APART)) / (APART * APART);
-    if curvature > 0.0 {
-        (2.0 / curvature).sqrt().min(UNKNOWN)
-    } else {
-        UNKNOWN
-    }
 }
 
 /// Steep steps that no explained jump accounts for: outside its filter and the motion it starts.

@@ -27,8 +27,15 @@ pub(super) struct Jump {
     pub(super) anchor: usize,
     /// Instant, in samples, less than two from the anchor.
     pub(super) position: f64,
+    /// From before what spreads it to after, in l.
+    pub(super) change: Log,
+}
+
+impl Jump {
     /// Size in l.
-    pub(super) size: f64,
+    pub(super) fn size(&self) -> f64 {
+        self.change.norm()
+    }
 }
 
 /// Nodes kept before and after the anchor on the far side of a jump, so that its instant may move.
@@ -118,7 +125,7 @@ impl Measured {
             let since_s = ((sample as f64 + 1.5 - jump.position) * h).max(0.0);
             let fast = FAST.0 * (1.0 - (-h / FAST.1).exp()).powi(3) * (-since_s / FAST.1).exp();
             let swing = SWING.0 * (SWING.1 * h).min(1.0).powi(3) * (-since_s / SWING.2).exp();
-            square += (jump.size * (fast + swing)).powi(2);
+            square += (jump.size() * (fast + swing)).powi(2);
         }
         let last = (sample + 3).min(self.steep.len());
         let steep = self.steep[sample.min(last)..last]
@@ -351,10 +358,16 @@ impl Voltage {
     }
 
     /// How far l jumps at jump number `index`.
-    pub(super) fn height(&self, index: usize) -> f64 {
+    pub(super) fn height(&self, index: usize) -> Log {
         let time = self.jumps[index].position;
         let side = |piece: &Piece| self.at_nodes(piece.interpolation(time));
-        (side(&self.pieces[index + 1]) - side(&self.pieces[index])).norm()
+        side(&self.pieces[index + 1]) - side(&self.pieces[index])
+    }
+
+    /// The same along the whole change around it and as a share of that.
+    pub(super) fn share_of_change(&self, index: usize) -> f64 {
+        let change = self.jumps[index].change;
+        (self.height(index) * change.conj()).re / change.norm_sqr()
     }
 
     fn piece_at(&self, time: f64) -> usize {

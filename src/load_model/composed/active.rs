@@ -32,6 +32,8 @@ pub(super) struct Active<'a, S> {
     pub(super) equations: &'a dyn Equations<S>,
     pub(super) parameters: Vec<S>,
     pub(super) first_state: usize,
+    /// Whether it is an instrument that is late.
+    pub(super) delays: bool,
 }
 
 impl<'a, S: Pass> Active<'a, S> {
@@ -42,6 +44,7 @@ impl<'a, S: Pass> Active<'a, S> {
             equations: S::equations(effect),
             parameters,
             first_state,
+            delays: effect.delay().is_some(),
         }
     }
 

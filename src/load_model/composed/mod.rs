@@ -67,6 +67,8 @@ pub struct Drive<'a> {
     pub accuracy: Accuracy,
     /// What all simulations of this input to this accuracy share; made anew where it is not at hand.
     pub grid: Option<&'a Arc<Grid>>,
+    /// Whether how late an instrument is ([`ComposedModel::delay`]) is left to whoever knows what else it does.
+    pub leaves_delay: bool,
 }
 
 impl<'a> Drive<'a> {
@@ -83,6 +85,7 @@ impl<'a> Drive<'a> {
             reactive_at_rest,
             accuracy: Accuracy::Full,
             grid: None,
+            leaves_delay: false,
         }
     }
 
@@ -235,6 +238,18 @@ impl ComposedModel {
         let named = self.effects.len().saturating_sub(1);
         let effects = self.effects.iter().take(named);
         effects.map(|(effect, _)| effect.declaration().name)
+    }
+
+    /// Where the delay, in s, of an instrument that reports P and Q late is in the vector.
+    #[must_use]
+    pub fn delay(&self) -> Option<usize> {
+        let mut effects = self.effects.iter();
+        effects.find_map(|(effect, places)| {
+            let name = effect.delay()?;
+            let declared = &effect.declaration().parameters;
+            let own = declared.iter().position(|p| p.name == name)?;
+            places.get(own).copied()
+        })
     }
 
     /// Where the lag of the static load is in the vector.

@@ -72,10 +72,11 @@ pub(super) fn measure<S: Pass>(
         active,
         reactive,
     };
-    for e in effects
-        .iter()
-        .filter(|e| e.declaration.acts_on(Place::Measurement))
-    {
+    let measures = |e: &&Active<'_, S>| {
+        let left = drive.leaves_delay && e.delays;
+        e.declaration.acts_on(Place::Measurement) && !left
+    };
+    for e in effects.iter().filter(measures) {
         e.equations.measure(&e.parameters, &mut series);
     }
 }

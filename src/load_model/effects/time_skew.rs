@@ -58,6 +58,10 @@ impl Declared for TimeSkew {
     fn declaration(&self) -> &'static Declaration {
         &DECLARATION
     }
+
+    fn delay(&self) -> Option<&'static str> {
+        Some("delay_s")
+    }
 }
 
 impl<S: Elementary> Equations<S> for TimeSkew {

@@ -139,6 +139,58 @@ fn instants_of_a_dip_of_two_samples_are_sought_together_and_its_recovery_is_no_j
     }
 }
 
+/// A fault of fifteen cycles at 30 frames/s with 0.1 % noise, made by RAMSES: |V| and angle; the fault begins at 10.49
+/// and ends at 17.99 samples, and the machines swing so fast that steps within and after it stand out.
+const LONG_FAULT: [(f64, f64); 32] = [
+    (1.00678, -0.29741),
+    (1.00536, -0.29936),
+    (1.00570, -0.29728),
+    (1.00581, -0.29793),
+    (1.00637, -0.29774),
+    (1.00569, -0.29720),
+    (1.00556, -0.29798),
+    (1.00762, -0.29679),
+    (1.00644, -0.29814),
+    (1.00588, -0.29711),
+    (1.00644, -0.29827),
+    (0.78027, -0.30190),
+    (0.72070, -0.27231),
+    (0.68822, -0.23346),
+    (0.66865, -0.18898),
+    (0.65610, -0.13129),
+    (0.64791, -0.06434),
+    (0.64185, 0.01645),
+    (0.72486, 0.12146),
+    (0.87669, 0.21202),
+    (0.92727, 0.28443),
+    (0.96798, 0.36693),
+    (1.00308, 0.45464),
+    (1.03663, 0.54292),
+    (1.06167, 0.61931),
+    (1.08136, 0.69179),
+    (1.09008, 0.75302),
+    (1.09620, 0.80989),
+    (1.09756, 0.86110),
+    (1.09845, 0.90930),
+    (1.09812, 0.95490),
+    (1.09422, 0.99975),
+];
+
+#[test]
+fn a_swing_at_a_low_rate_is_no_jump() {
+    let log: Vec<Log> = (LONG_FAULT.iter())
+        .map(|(voltage, angle)| Log::new(voltage.ln(), *angle))
+        .collect();
+    let series = series(30.0, &log);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let found = find(&series, &log, &steep, 1e-3, FilterChoice::Auto);
+    let positions: Vec<f64> = found.jumps.iter().map(|j| j.1.position).collect();
+    assert_eq!(positions.len(), 2, "{positions:?}");
+    for (position, instant) in positions.iter().zip([10.49, 17.99]) {
+        assert!((position - instant).abs() < 0.3, "{positions:?}");
+    }
+}
+
 #[test]
 fn unfiltered_jumps_keep_their_instant_open() {
     let found = found(60.0, PhasorFilter::None, (0.906_1, 0.990_7), &[]);
