@@ -18,7 +18,6 @@ use crate::{
         composed::{ComposedModel, Drive},
     },
     measurement::{Quality, Record, Sample},
-    numerics::Objective,
 };
 use nalgebra::DVector;
 
