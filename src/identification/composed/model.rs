@@ -29,7 +29,9 @@ pub struct ComposedLoad {
 impl EventModel for ComposedLoad {
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
         let own = at_operating_point(&self.model, &self.parameters, event).0;
-        let response = self.model.simulate(&own, &[], &drive(event))?;
+        let response = self
+            .model
+            .simulate(&own, &[], &drive(event, &event.input, &event.chain))?;
         let measured = reported(event, &self.model, &self.parameters, &response);
         let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();
         let mut curves = Curves { active, reactive };

@@ -64,7 +64,8 @@ impl Linearised {
     ) -> Option<Vec<EventCovariance>> {
         let random = random_effects(model, &self.parameters, scatter);
         let both = events.iter().zip(&self.rows);
-        both.map(|(event, rows)| event.covariance_of(rows, &self.wanted, &random))
+        let at = (model, &self.parameters[..]);
+        both.map(|(event, rows)| event.covariance_of((rows, &self.wanted), &random, at))
             .collect()
     }
 

@@ -178,7 +178,7 @@ impl Search<'_> {
             }
             let rows = event.expanded(model, parameters, &wanted).ok()?;
             Some(At {
-                covariance: event.covariance_of(&rows, &wanted, &random)?,
+                covariance: event.covariance_of((&rows, &wanted), &random, (model, parameters))?,
                 columns: rows.columns(0, count).into_owned(),
                 residual: rows.column(wanted.len()).into_owned(),
             })

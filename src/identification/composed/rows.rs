@@ -10,9 +10,13 @@ use super::{
 };
 use crate::{
     identification::{
-        LateReport, evaluate::Curves, intake::PreparedEvent, joint_problem::ProblemOptions,
+        LateReport, MeasurementChain,
+        evaluate::Curves,
+        intake::{Elsewhere, PreparedEvent},
+        joint_problem::ProblemOptions,
     },
     load_model::{
+        TerminalInput,
         composed::{Accuracy, ComposedModel, Drive, Grid, MotorCourse, Response, SimulationError},
         effect::{Place, Role},
         effects,
@@ -70,7 +74,11 @@ pub(super) struct EventRows<'a> {
     measured: DVector<f64>,
     deviations: Vec<f64>,
     accuracy: Accuracy,
+    input: &'a TerminalInput,
+    chain: &'a MeasurementChain,
     grid: Arc<Grid>,
+    /// The same event with one of its jumps a standard deviation farther.
+    elsewhere: Vec<EventRows<'a>>,
 }
 
 impl<'a> EventRows<'a> {
@@ -84,14 +92,25 @@ impl<'a> EventRows<'a> {
             let active = used.iter().map(|&k| p[k]);
             active.chain(used.iter().map(|&k| q[k])).collect()
         };
-        Self {
+        let mut rows = Self {
             measured: DVector::from_vec(both(&event.active, &event.reactive)),
             deviations: both(&event.active_deviation, &event.reactive_deviation),
             used,
             event,
             accuracy,
+            input: &event.input,
+            chain: &event.chain,
             grid: Arc::new(Grid::new(&event.input, accuracy)),
-        }
+            elsewhere: Vec::new(),
+        };
+        let driven_by = |driver: &'a Elsewhere| Self {
+            input: &driver.input,
+            chain: &driver.chain,
+            grid: Arc::new(Grid::new(&driver.input, accuracy)),
+            ..rows.clone()
+        };
+        rows.elsewhere = event.elsewhere().iter().map(driven_by).collect();
+        rows
     }
 
     /// The lowest voltage that a model meets, between samples too.
@@ -103,7 +122,7 @@ impl<'a> EventRows<'a> {
         Drive {
             accuracy: self.accuracy,
             grid: Some(&self.grid),
-            ..drive(self.event)
+            ..drive(self.event, self.input, self.chain)
         }
     }
 
@@ -149,7 +168,7 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
     ) -> Result<DVector<f64>, SimulationError> {
         let response = self.simulate(model, parameters, &[])?;
-        let late = Lateness::new(self.event, model, parameters, &[]);
+        let late = self.lateness(model, parameters, &[]);
         let mut rows = DVector::zeros(self.count());
         self.report(
             late.as_ref(),
@@ -171,7 +190,7 @@ impl<'a> EventRows<'a> {
     ) -> Result<DMatrix<f64>, SimulationError> {
         let sources = self.sources(model, parameters, wanted);
         let response = self.simulate(model, parameters, &sources.simulated)?;
-        let late = Lateness::new(self.event, model, parameters, wanted);
+        let late = self.lateness(model, parameters, wanted);
         let late = late.as_ref();
         let mut rows = DMatrix::zeros(self.count(), wanted.len() + 1);
         let derivatives = [&response.active_derivatives, &response.reactive_derivatives];
@@ -192,6 +211,15 @@ impl<'a> EventRows<'a> {
         for (row, measured) in rows.iter_mut().zip(self.measured.iter()) {
             *row = measured - *row;
         }
+    }
+
+    fn lateness(
+        &self,
+        model: &ComposedModel,
+        parameters: &[f64],
+        wanted: &[usize],
+    ) -> Option<Lateness> {
+        Lateness::new(self.chain, self.event.rate_fps, (model, parameters), wanted)
     }
 
     /// Where the derivative columns by the parameters `wanted` come from.
@@ -275,7 +303,7 @@ impl<'a> EventRows<'a> {
                 model.derivatives_beside(motor, &own, simulated, &drive)?
             {
                 refer([&mut active, &mut reactive], simulated, &slopes);
-                let late = Lateness::new(self.event, model, parameters, wanted);
+                let late = self.lateness(model, parameters, wanted);
                 let mut rows = DMatrix::zeros(self.count(), wanted.len());
                 self.set_columns(&mut rows, &sources, late.as_ref(), [&active, &reactive]);
                 return Ok(rows);
@@ -295,27 +323,35 @@ impl<'a> EventRows<'a> {
         let random = random_effects(model, parameters, scatter);
         let wanted: Vec<usize> = random.iter().map(|(index, _)| *index).collect();
         let rows = self.expanded(model, parameters, &wanted)?;
-        Ok(self.covariance_of(&rows, &wanted, &random))
+        Ok(self.covariance_of((&rows, &wanted), &random, (model, parameters)))
     }
 
-    /// The covariance, given the derivative columns of the parameters `wanted`, among them those that
-    /// vary.
+    /// The covariance at a point of the search, given there the derivative columns of the parameters `wanted`, among
+    /// them those that vary, and the residual.
     pub(super) fn covariance_of(
         &self,
-        rows: &DMatrix<f64>,
-        wanted: &[usize],
+        (rows, wanted): (&DMatrix<f64>, &[usize]),
         random: &[(usize, f64)],
+        (model, parameters): (&ComposedModel, &[f64]),
     ) -> Option<EventCovariance> {
-        let mut columns = DMatrix::zeros(self.count(), random.len() + 2);
+        let offsets = random.len() + 2;
+        let mut columns = DMatrix::zeros(self.count(), offsets + self.elsewhere.len());
         for (column, (index, spread)) in random.iter().enumerate() {
             let place = wanted.iter().position(|w| w == index)?;
             columns.set_column(column, &(rows.column(place) * *spread));
         }
-        let outputs = self.event.chain.output_voltage().len();
+        let outputs = self.chain.output_voltage().len();
         let (one, none) = (vec![1.0; outputs], vec![0.0; outputs]);
         let offset = self.event.operating_point_deviation;
         columns.set_column(random.len(), &(self.stacked(&one, &none) * offset));
         columns.set_column(random.len() + 1, &(self.stacked(&none, &one) * offset));
+        for (number, elsewhere) in self.elsewhere.iter().enumerate() {
+            // What a model cannot follow elsewhere says nothing of the instant.
+            if let Ok(residual) = elsewhere.residual(model, parameters) {
+                let moved = residual - rows.column(wanted.len());
+                columns.set_column(offsets + number, &moved);
+            }
+        }
         EventCovariance::new(&self.deviations, &columns)
     }
 
@@ -353,7 +389,7 @@ impl<'a> EventRows<'a> {
 
     /// The same of an instrument that may be late, written to the rows `into`.
     fn report(&self, late: Option<&Lateness>, active: &[f64], reactive: &[f64], into: &mut [f64]) {
-        let (chain, (p, q)) = (&self.event.chain, into.split_at_mut(self.used.len()));
+        let (chain, (p, q)) = (self.chain, into.split_at_mut(self.used.len()));
         if let Some(late) = late.filter(|late| late.is_late) {
             for ((&k, p), q) in self.used.iter().zip(p).zip(q) {
                 [*p, *q] = late.report.measured(k, active, reactive);
@@ -386,18 +422,18 @@ struct Lateness {
 impl Lateness {
     /// None where the instrument is on time and nobody asks what it would be otherwise.
     fn new(
-        event: &PreparedEvent,
-        model: &ComposedModel,
-        parameters: &[f64],
+        chain: &MeasurementChain,
+        rate_fps: f64,
+        (model, parameters): (&ComposedModel, &[f64]),
         wanted: &[usize],
     ) -> Option<Self> {
         let delay = model.delay()?;
         let column = wanted.iter().position(|w| *w == delay);
         let is_late = parameters[delay].abs() > 0.0;
         (is_late || column.is_some()).then(|| Self {
-            report: event.chain.late(parameters[delay] * event.rate_fps),
+            report: chain.late(parameters[delay] * rate_fps),
             is_late,
-            rate_fps: event.rate_fps,
+            rate_fps,
             column,
         })
     }
@@ -420,7 +456,7 @@ pub(super) fn reported(
     response: &Response,
 ) -> Vec<[f64; 2]> {
     let (active, reactive) = (&response.active, &response.reactive);
-    match Lateness::new(event, model, parameters, &[]) {
+    match Lateness::new(&event.chain, event.rate_fps, (model, parameters), &[]) {
         Some(late) => (0..event.len())
             .map(|k| late.report.measured(k, active, reactive))
             .collect(),
@@ -446,12 +482,16 @@ fn refer([active, reactive]: [&mut Vec<Vec<f64>>; 2], wanted: &[usize], slopes: 
 }
 
 /// What drives a composed model in an event.
-pub(super) fn drive(event: &PreparedEvent) -> Drive<'_> {
+pub(super) fn drive<'a>(
+    event: &PreparedEvent,
+    input: &'a TerminalInput,
+    chain: &'a MeasurementChain,
+) -> Drive<'a> {
     Drive {
         leaves_delay: true,
         ..Drive::new(
-            &event.input,
-            event.chain.output_frequency_deviation(),
+            input,
+            chain.output_frequency_deviation(),
             event.q0_pu / event.p0_pu,
         )
     }

@@ -18,7 +18,7 @@ mod voltage;
 mod weights;
 
 pub use edges::Edge;
-pub use prepare::{IntakeOptions, KnownTerminal, PreparedEvent, prepare};
+pub use prepare::{Elsewhere, IntakeOptions, KnownTerminal, PreparedEvent, prepare};
 
 use crate::disturbance::ScreeningReason;
 

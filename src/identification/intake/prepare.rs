@@ -14,7 +14,7 @@ use super::{
     weights,
 };
 use crate::{disturbance::Window, load_model::TerminalInput};
-use std::f64::consts::PI;
+use std::{f64::consts::PI, sync::Arc};
 
 mod known_terminal;
 
@@ -106,8 +106,20 @@ pub struct PreparedEvent {
     pub chain: MeasurementChain,
     /// What `input` was made of; none where it was given.
     origin: Option<Origin>,
+    /// What drives a model where one jump lies a standard deviation farther, for each jump of which the voltages leave
+    /// the instant open behind a short window.
+    elsewhere: Arc<[Elsewhere]>,
     /// Isolated spikes that were removed.
     pub spikes: usize,
+}
+
+/// A terminal input, and the chain behind it, with one jump at another instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Elsewhere {
+    /// The terminal voltage.
+    pub input: TerminalInput,
+    /// From the load's power at its output instants to P and Q as measured.
+    pub chain: MeasurementChain,
 }
 
 /// Where a terminal input comes from.
@@ -146,10 +158,47 @@ impl PreparedEvent {
         self.filter == Some(PhasorFilter::None)
     }
 
+    /// The same with one jump a standard deviation farther, for each jump of which the voltages leave the instant open
+    /// behind a short window; none where jumps were moved ([`Self::with_edge_positions`]).
+    #[must_use]
+    pub fn elsewhere(&self) -> &[Elsewhere] {
+        &self.elsewhere
+    }
+
+    /// What [`Self::elsewhere`] gives.
+    fn moved_one_by_one(&self) -> Arc<[Elsewhere]> {
+        let short = |origin: &Origin| origin.measured.has_short_window();
+        if !self.origin.as_ref().is_some_and(short) {
+            return Arc::new([]);
+        }
+        let positions: Vec<f64> = self.edges.iter().map(|e| e.position).collect();
+        let moved = |number: usize| {
+            let edge = &self.edges[number];
+            let deviation = edge.deviation;
+            if !(INSTANT_DEVIATION_LEAST..f64::INFINITY).contains(&deviation) {
+                return None;
+            }
+            let mut at = positions.clone();
+            // Away from a jump that follows at once.
+            let next = positions.get(number + 1).map_or(f64::INFINITY, |p| *p);
+            let later = edge.position + deviation;
+            let crosses = later + INSTANTS_APART_LEAST > next;
+            at[number] = if crosses {
+                edge.position - deviation
+            } else {
+                later
+            };
+            let Self { input, chain, .. } = self.with_edge_positions(&at);
+            Some(Elsewhere { input, chain })
+        };
+        (0..self.edges.len()).filter_map(moved).collect()
+    }
+
     /// The same event with the jumps of the voltage moved to other instants, in samples.
     #[must_use]
     pub fn with_edge_positions(&self, positions: &[f64]) -> Self {
         let mut moved = self.clone();
+        moved.elsewhere = Arc::new([]);
         let Some(origin) = &mut moved.origin else {
             return moved;
         };
@@ -185,6 +234,9 @@ impl PreparedEvent {
 const POINTS_PER_SAMPLE: usize = 32;
 /// Least noise assumed, so that noiseless data are smoothed where they are smooth.
 const NOISE_LEAST: f64 = 2e-5;
+/// Deviation of an instant that is known as well as anything, and least distance of two jumps, samples.
+const INSTANT_DEVIATION_LEAST: f64 = 0.01;
+const INSTANTS_APART_LEAST: f64 = 0.1;
 /// Voltage before the event below which the bus is dead, pu.
 const VOLTAGE_MIN_PU: f64 = 0.05;
 /// Standard deviation left to P0 and Q0 when there was no steady part to measure them.
@@ -230,6 +282,7 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
     check_disturbance(&terminal.measured, options)?;
     let mut event = assembled(&window.id, &series, &before, terminal, options)?;
     event.spikes = spikes;
+    event.elsewhere = event.moved_one_by_one();
     Ok(event)
 }
 
@@ -318,6 +371,7 @@ fn assembled(
             terminal: u.voltage,
             measured: u.measured,
         }),
+        elsewhere: Arc::new([]),
         spikes: 0,
     })
 }

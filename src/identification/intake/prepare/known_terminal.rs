@@ -1,6 +1,8 @@
 //! An event whose terminal voltage is known exactly, so that no intake stands between the data and
 //! the fit: for studies of the fit alone, and for callers with a model of their own measurement.
 
+use std::sync::Arc;
+
 use super::PreparedEvent;
 use crate::{
     identification::{
@@ -81,6 +83,7 @@ impl From<KnownTerminal> for PreparedEvent {
             filter: None,
             chain,
             origin: None,
+            elsewhere: Arc::new([]),
             spikes: 0,
             voltage,
             input,
