@@ -1,6 +1,7 @@
 //! From windows to a diagnosis.
 
 use super::{
+    addable::too_fast,
     case::{Case, Watcher},
     claim::objections,
     options::{DiagnosisOptions, Progress},
@@ -8,7 +9,7 @@ use super::{
         Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable,
     },
     round::{Round, round},
-    trials::{Trial, amplitude, too_fast},
+    trials::{Trial, amplitude},
     unexplained,
     where_it_fails::{failure, pooled},
 };

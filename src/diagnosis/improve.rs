@@ -1,12 +1,12 @@
 //! Diagnose, add, refit, until nothing more is missing.
 
 use super::{
+    addable::addable,
     case::{Case, Watcher},
     diagnose::report,
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status, StructureErrors},
     round::{Second, round},
-    trials::addable,
     where_it_fails::failure,
 };
 use crate::{

@@ -1,6 +1,7 @@
 //! One round: a structure fitted, its companions, every effect tried on it, and the decision.
 
 use super::{
+    addable::addable,
     case::Case,
     claim::{
         Evidence, answer_set, companions_or_rivals, decisive, is_adequate, objections, reaches,
@@ -8,7 +9,7 @@ use super::{
     departures::departures,
     equals::beside_companions,
     outcome::Status,
-    trials::{Fitted, Goal, Trial, addable, trials},
+    trials::{Fitted, Goal, Trial, trials},
 };
 use crate::{
     identification::{

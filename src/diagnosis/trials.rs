@@ -12,7 +12,6 @@ use crate::{
         composed_parameters,
     },
     load_model::{
-        Structure,
         effect::{Declaration, Kind, Role},
         effects,
     },
@@ -26,8 +25,6 @@ const HOPELESS_SHARE: f64 = 0.1;
 /// Where the model leaves more than this per row, a score says little of what has a threshold: it is
 /// refitted whatever its share.
 const FAR_PER_ROW: f64 = 10.0;
-/// A stream of 49.95 frames/s has 50.
-const RATE_TOLERANCE: f64 = 1.01;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
 
@@ -264,33 +261,6 @@ fn rank(list: &mut [Trial]) {
             };
         }
     }
-}
-
-/// Effects that may be added to a structure and that these events can show.
-pub(super) fn addable(structure: &Structure, case: &Case<'_>) -> Vec<&'static str> {
-    let (_, shown) = by_rate(structure, case);
-    shown
-        .into_iter()
-        .map(|declaration| declaration.name)
-        .collect()
-}
-
-/// Instruments that may be added and that these events cannot show: what an instrument does at edges is not told from
-/// where the edges are, unless there are samples enough to hold both.
-pub(super) fn too_fast(structure: &Structure, case: &Case<'_>) -> Vec<&'static Declaration> {
-    by_rate(structure, case).0
-}
-
-/// What may be added to a structure: what needs more samples than there are, and the others.
-fn by_rate(
-    structure: &Structure,
-    case: &Case<'_>,
-) -> (Vec<&'static Declaration>, Vec<&'static Declaration>) {
-    let rate_fps = RATE_TOLERANCE * case.rate_fps();
-    let excluded = |name: &str| case.options.excluded.iter().any(|x| x == name);
-    let all = effects::catalogue().iter().map(|e| e.declaration());
-    all.filter(|d| !excluded(d.name) && structure.with(d.name).is_ok())
-        .partition(|d| d.kind == Kind::Instrument && d.needs.rate_fps > rate_fps)
 }
 
 /// The effects that any origin lets look for, most gain first, with their screens.

@@ -486,3 +486,51 @@ fn derivatives_by_the_delay_of_an_instrument_agree_with_differences() {
         }
     }
 }
+
+/// A dip at 30 frames/s behind a triangle of two cycles, a window of one sample; the voltage jumps at 30.2 and 36.4
+/// samples. P and Q follow it.
+fn seen_by_few_samples() -> Window {
+    let share_after = |k: usize, jump: f64| {
+        let x = (2.0 * (k as f64 - jump)).clamp(-1.0, 1.0);
+        if x < 0.0 {
+            0.5 * (1.0 + x) * (1.0 + x)
+        } else {
+            1.0 - 0.5 * (1.0 - x) * (1.0 - x)
+        }
+    };
+    let mut window = window("few", 1.0, 0.1);
+    window.record.rate_fps = 30.0;
+    window.onset = 28;
+    for (k, sample) in window.record.samples.iter_mut().enumerate() {
+        let noise = 1e-4 * (12.9 * k as f64).sin();
+        let inside = share_after(k, 30.2) - share_after(k, 36.4);
+        let voltage = 1.0 - 0.4 * inside + noise;
+        sample.voltage_pu = voltage;
+        sample.angle_rad = 0.0;
+        sample.active_pu = 0.8 * voltage;
+        sample.reactive_pu = 0.3 * voltage * voltage;
+    }
+    window
+}
+
+#[test]
+fn what_an_instant_leaves_open_varies_from_event_to_event() {
+    let event = prepare(&seen_by_few_samples(), &IntakeOptions::default()).unwrap();
+    assert_eq!((event.edges.len(), event.elsewhere().len()), (2, 2));
+    let model = ComposedModel::new(&Structure::zip_im());
+    let at = model.typical();
+    let mut positions: Vec<f64> = event.edges.iter().map(|e| e.position).collect();
+    positions[0] += event.edges[0].deviation;
+    let moved = event.with_edge_positions(&positions);
+    let residual = |event: &PreparedEvent| EventRows::new(event).residual(&model, &at).unwrap();
+    let change = residual(&moved) - residual(&event);
+    let covariance = |event: &PreparedEvent| {
+        let rows = EventRows::new(event);
+        let scatter = Scatter::default();
+        rows.covariance(&model, &at, &scatter).unwrap().unwrap()
+    };
+    // A deviation of an instant costs one square at most, where fits know of it.
+    assert!(covariance(&event).square(&change) <= 1.0);
+    assert!(moved.elsewhere().is_empty());
+    assert!(covariance(&moved).square(&change) > 2.0 * covariance(&event).square(&change));
+}

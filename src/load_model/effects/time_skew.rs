@@ -10,8 +10,8 @@
 //! y(t) = y*(t - tau)                        (1)
 //! ```
 //!
-//! for P and Q alike. `y*` between the output instants is a cubic, or straight across a jump; ask for
-//! dense output around the edges.
+//! for P and Q alike. `y*` is what the instrument would report on time, its phasor filter included; by itself, without
+//! the instrument, a cubic between the output instants, straight across a jump.
 //!
 //! Source: definition. A filter of two cycles looks like 1.4 to 4.3 ms of skew (measured on
 //! prototypes), hence the smallest meaningful value.
