@@ -3,7 +3,7 @@
 use super::case::Case;
 use crate::load_model::{
     Structure,
-    effect::{Declaration, Kind},
+    effect::{Declaration, Kind, Needs},
     effects,
 };
 
@@ -25,7 +25,8 @@ pub(super) fn too_fast(structure: &Structure, case: &Case<'_>) -> Vec<&'static D
     by_rate(structure, &case.options.excluded, case.rate_fps()).0
 }
 
-/// What may be added to a structure: instruments that need more frames per second than there are, and the rest.
+/// What may be added to a structure: instruments that need more frames per second than there are, and than a dip of
+/// any kind does, and the rest.
 fn by_rate(
     structure: &Structure,
     excluded: &[String],
@@ -35,8 +36,10 @@ fn by_rate(
         !excluded.iter().any(|name| name == d.name) && structure.with(d.name).is_ok()
     };
     let all = effects::catalogue().iter().map(|e| e.declaration());
+    let at_edges =
+        |d: &Declaration| d.kind == Kind::Instrument && d.needs.rate_fps > Needs::A_DIP.rate_fps;
     all.filter(may)
-        .partition(|d| d.kind == Kind::Instrument && d.needs.rate_fps > RATE_TOLERANCE * rate_fps)
+        .partition(|d| at_edges(d) && d.needs.rate_fps > RATE_TOLERANCE * rate_fps)
 }
 
 #[cfg(test)]
@@ -53,7 +56,7 @@ mod tests {
         };
         assert!(unseen(60.0).is_empty() && unseen(49.95).is_empty());
         assert_eq!(unseen(30.0), ["phasor_window"]);
-        assert_eq!(unseen(10.0), ["time_skew", "phasor_window"]);
+        assert_eq!(unseen(10.0), ["phasor_window"]);
         let excluded = ["phasor_window".to_owned()];
         let (unseen, shown) = by_rate(&Structure::zip_im(), &excluded, 30.0);
         assert!(unseen.is_empty() && shown.iter().all(|d| d.name != "phasor_window"));
