@@ -119,7 +119,7 @@ fn rotors_with_two_cages() {
 
 #[test]
 fn a_tap_changer() {
-    is_named(Effect::TapChanger, 2, &lasting(5));
+    is_named(Effect::TapChanger, 3, &lasting(5));
 }
 
 #[test]
