@@ -21,7 +21,7 @@ pub(super) fn addable(structure: &Structure, case: &Case<'_>) -> Vec<&'static st
 
 /// Instruments that may be added and that these events cannot show: what an instrument does at edges is not told from
 /// where the edges are, unless there are samples enough to hold both.
-pub(super) fn too_fast(structure: &Structure, case: &Case<'_>) -> Vec<&'static Declaration> {
+pub(super) fn hidden_by_rate(structure: &Structure, case: &Case<'_>) -> Vec<&'static Declaration> {
     by_rate(structure, &case.options.excluded, case.rate_fps()).0
 }
 

@@ -1,7 +1,7 @@
 //! From windows to a diagnosis.
 
 use super::{
-    addable::too_fast,
+    addable::hidden_by_rate,
     case::{Case, Watcher},
     claim::objections,
     options::{DiagnosisOptions, Progress},
@@ -274,7 +274,7 @@ fn too_slow(case: &Case<'_>, structure: &Structure) -> Vec<Untestable> {
             ),
         })
     };
-    let hidden = too_fast(structure, case).into_iter();
+    let hidden = hidden_by_rate(structure, case).into_iter();
     hidden.filter_map(unseen).collect()
 }
 

@@ -242,7 +242,7 @@ impl Grid {
     }
 
     fn filtered_sample(&self, sample: usize) -> Option<FilteredSample> {
-        let (first, weights) = self.weights(sample as f64)?;
+        let (first, weights, _) = self.weights(sample as f64)?;
         let u = &self.u[first..first + weights.len()];
         let seen: Complex<f64> = u.iter().zip(&weights).map(|(u, w)| u * w).sum();
         let coefficients: Vec<Complex<f64>> =
@@ -264,8 +264,8 @@ impl Grid {
     }
 
     /// First output instant and the weights of it and those that follow in the mean over the window
-    /// around `time`; they sum to 1.
-    fn weights(&self, time: f64) -> Option<(usize, Vec<f64>)> {
+    /// around `time`, which sum to 1, and the sum that they were divided by.
+    fn weights(&self, time: f64) -> Option<(usize, Vec<f64>, f64)> {
         let (low, high) = (time - self.half_width, time + self.half_width);
         let end = self.time.len();
         // Two more instants each side for the lines that are extended to a jump.
@@ -279,11 +279,11 @@ impl Grid {
         for weight in &mut weights {
             *weight /= total;
         }
-        (total > 0.0).then_some((first, weights))
+        (total > 0.0).then_some((first, weights, total))
     }
 
     /// Derivatives of [`Self::weights`] with respect to `time`.
-    fn weight_slopes(&self, time: f64, first: usize, weights: &[f64]) -> Vec<f64> {
+    fn weight_slopes(&self, time: f64, first: usize, weights: &[f64], total: f64) -> Vec<f64> {
         let half = self.half_width;
         let mut slopes = vec![0.0; weights.len()];
         self.integrate(time, first, &mut slopes, |_, within| {
@@ -299,11 +299,6 @@ impl Grid {
                 slopes[cell.b - first] += height * along;
             }
         }
-        let mut total = vec![0.0; weights.len()];
-        self.integrate(time, first, &mut total, |offset, _| {
-            self.filter.weight(offset)
-        });
-        let total: f64 = total.iter().sum();
         let change: f64 = slopes.iter().sum::<f64>() / total;
         let both = slopes.iter().zip(weights);
         both.map(|(slope, weight)| slope / total - weight * change)

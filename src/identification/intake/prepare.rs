@@ -167,8 +167,7 @@ impl PreparedEvent {
 
     /// What [`Self::elsewhere`] gives.
     fn moved_one_by_one(&self) -> Arc<[Elsewhere]> {
-        let short = |origin: &Origin| origin.measured.has_short_window();
-        if !self.origin.as_ref().is_some_and(short) {
+        if self.instants_unseen() || !self.instants_open() {
             return Arc::new([]);
         }
         let positions: Vec<f64> = self.edges.iter().map(|e| e.position).collect();

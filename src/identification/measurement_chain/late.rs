@@ -121,8 +121,8 @@ impl LateRow {
 impl Grid {
     /// What the filter makes of the power around a time.
     fn windowed(&self, time: f64) -> Option<LateRow> {
-        let (first, shares) = self.weights(time)?;
-        let moved = self.weight_slopes(time, first, &shares);
+        let (first, shares, total) = self.weights(time)?;
+        let moved = self.weight_slopes(time, first, &shares, total);
         let u = &self.u[first..first + shares.len()];
         let sum = |weights: &[f64]| -> Complex<f64> {
             u.iter().zip(weights).map(|(u, weight)| u * weight).sum()
@@ -152,7 +152,8 @@ impl Grid {
         if time >= self.time[last] {
             return fixed(last);
         }
-        let left = self.time.partition_point(|t| *t <= time) - 1;
+        // A time that is not a number gives a report that is none.
+        let left = self.time.partition_point(|t| *t <= time).saturating_sub(1);
         let first = left.saturating_sub(1);
         let count = (left + 2).min(last) + 1 - first;
         let mut weights = vec![0.0; count];
@@ -295,6 +296,21 @@ mod tests {
                     }
                 }
             }
+        }
+    }
+
+    #[test]
+    fn delays_beyond_the_event_or_none_at_all_are_no_reason_to_fail() {
+        for (filter, half_width) in INSTRUMENTS {
+            let (chain, [active, reactive]) = chain(filter, half_width);
+            for (delay, at) in [(1e6, 0), (-1e6, SAMPLES - 1)] {
+                let late = chain.late(delay);
+                let expected = chain.measured(&active, &reactive)[at];
+                assert_eq!(late.measured(7, &active, &reactive), expected);
+                assert_eq!(late.by_delay(7, &active, &reactive), [0.0; 2]);
+            }
+            let unknown = chain.late(f64::NAN).measured(7, &active, &reactive);
+            assert!(unknown.iter().all(|y| y.is_nan()));
         }
     }
 }

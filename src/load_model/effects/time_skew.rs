@@ -37,7 +37,7 @@ const DECLARATION: Declaration = Declaration {
     name: "time_skew",
     title: "Time skew between voltage and power",
     kind: Kind::Instrument,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::two_sided(["delay_s", "tau", "s"], [-0.08, 0.012, 0.08, 0.005])
             .with_resolution(RESOLUTION_S),
