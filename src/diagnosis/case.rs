@@ -1,8 +1,8 @@
 //! The events of a site as a diagnosis uses them, and fits to them.
 
 use super::{
-    claim::ADEQUATE_FLOORS,
     event_sets::{Use, let_be_fitted_what_shows, not_foretold, uses},
+    evidence::ADEQUATE_FLOORS,
     options::{DiagnosisOptions, EventSplit, Progress},
     outcome::{EventSets, StructureErrors},
 };
@@ -10,7 +10,7 @@ use crate::{
     disturbance::Window,
     identification::{
         AlignedFit, ErrorSummary, FittedSite, Identification, IdentificationError, ReactiveTrend,
-        composed::{self, Baseline, ComposedFit, ComposedFitOptions, ComposedLoad},
+        composed::{self, Baseline, ComposedFit, ComposedLoad},
         conclude,
         edge_timing::align,
         evaluate::{Curves, EventModel, StaticModel, errors},
@@ -59,7 +59,7 @@ pub(super) struct Case<'a> {
     /// Fitted and gating events, jumps aligned.
     pub(super) judged: Vec<PreparedEvent>,
     /// Which of `judged` gate.
-    gates: Vec<bool>,
+    pub(super) gates: Vec<bool>,
     pub(super) untouched: Vec<PreparedEvent>,
     pub(super) refused: Vec<(String, String)>,
     problem: ProblemOptions,
@@ -147,9 +147,7 @@ impl<'a> Case<'a> {
             }
         }
         let may_choose = self.options.split == EventSplit::Balanced;
-        let rows = self.judged.iter().map(PreparedEvent::rows);
-        let misfits = base.all.squares.iter().zip(rows);
-        let misfits: Vec<f64> = misfits.map(|(s, rows)| s / rows.max(1) as f64).collect();
+        let misfits = self.per_row(&base.all);
         while self.has_gate() {
             let fit = self.narrowed_without_gate(&base.all)?;
             let model = load(&base.structure, &fit);
@@ -159,7 +157,7 @@ impl<'a> Case<'a> {
             let mut fitted: Vec<bool> = self.judged.iter().zip(&self.gates).map(silent).collect();
             // Only where other events are quoted: what is hard to foretell must not leave an error that is.
             if may_choose && !self.untouched.is_empty() && !fitted.contains(&true) {
-                fitted = not_foretold(&self.foretold(&fit), &misfits);
+                fitted = not_foretold(&self.foretold(&fit, &self.gates), &misfits);
             }
             if !fitted.contains(&true) {
                 break;
@@ -173,21 +171,6 @@ impl<'a> Case<'a> {
             let_be_fitted_what_shows(&mut self.gates, &misfits, adequate);
         }
         Ok(())
-    }
-
-    /// Weighted squares per row that a fit leaves of each gating event, infinite where it has no response; none of the
-    /// fitted ones.
-    fn foretold(&self, fit: &ComposedFit) -> Vec<Option<f64>> {
-        let scatter = &self.options.composed.scatter;
-        let of = |event: &PreparedEvent| {
-            let one = std::slice::from_ref(event);
-            let squares = composed::squares(one, &fit.model, &fit.parameters, scatter);
-            let own = squares.and_then(|s| s.first().copied());
-            own.map_or(f64::INFINITY, |own| own / event.rows().max(1) as f64)
-        };
-        let both = self.judged.iter().zip(&self.gates);
-        both.map(|(event, gates)| gates.then(|| of(event)))
-            .collect()
     }
 
     /// Events by use.
@@ -300,74 +283,6 @@ impl<'a> Case<'a> {
         } else {
             IdentificationError::NoSolution
         }
-    }
-
-    /// Whether there are events to hold a claim against.
-    pub(super) fn has_gate(&self) -> bool {
-        self.gates.contains(&true)
-    }
-
-    /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
-    /// been fitted; but for what events only bracket. `None` when it cannot be simulated there.
-    fn without_gate(&self, fit: &ComposedFit, options: &ComposedFitOptions) -> Option<ComposedFit> {
-        let bracketed = |index: &usize| composed::is_bracketed(&fit.model.parameters()[*index]);
-        let free: Vec<usize> = (fit.free.iter().copied())
-            .filter(|index| !bracketed(index))
-            .collect();
-        composed::fit(
-            &self.part(false),
-            &fit.model,
-            &fit.parameters,
-            &free,
-            options,
-            self.watcher.cancel,
-        )
-    }
-
-    /// The model of `fit` as it is quoted and published.
-    pub(super) fn narrowed(&self, fit: &ComposedFit) -> ComposedFit {
-        let options = &self.options.composed;
-        composed::narrowed(&self.judged, fit, options, self.watcher.cancel)
-    }
-
-    /// The same without the gate. Levels of relays that the fitted events leave open are those of `fit`: where one
-    /// lies between a dip that operated a relay and one that did not, an event between them cannot be foretold,
-    /// and says nothing against the model.
-    fn narrowed_without_gate(&self, fit: &ComposedFit) -> Result<ComposedFit, IdentificationError> {
-        let fitted = self.part(false);
-        let options = &self.options.composed;
-        let trained = |fit: &ComposedFit| {
-            let own = self.without_gate(fit, options);
-            own.map(|own| composed::narrowed(&fitted, &own, options, self.watcher.cancel))
-        };
-        let free = trained(fit).ok_or_else(|| self.failed())?;
-        let open = |[one, other]: [f64; 2]| {
-            let between = |e: &PreparedEvent| {
-                let lowest = e.lowest_voltage * e.v0_pu;
-                one.min(other) < lowest && lowest < one.max(other)
-            };
-            !fitted.iter().any(between)
-        };
-        let held = composed::with_levels_of(&free, fit, open);
-        Ok(held.and_then(|held| trained(&held)).unwrap_or(free))
-    }
-
-    /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely
-    /// fitted: it begins where all events together led), composition of each event free to vary; infinite when
-    /// they cannot be simulated. `None` without such events.
-    pub(super) fn gate_misfit(&self, fit: &ComposedFit) -> Option<f64> {
-        if !self.has_gate() {
-            return None;
-        }
-        let gate = self.part(true);
-        let scatter = &self.options.composed.scatter;
-        let squares = self
-            .without_gate(fit, &self.options.composed.coarse())
-            .and_then(|fit| composed::squares(&gate, &fit.model, &fit.parameters, scatter));
-        let rows: usize = gate.iter().map(PreparedEvent::rows).sum();
-        Some(squares.map_or(f64::INFINITY, |s| {
-            s.iter().sum::<f64>() / rows.max(1) as f64
-        }))
     }
 
     /// Errors on the fitted and gating events of a fit without the gate, and on the untouched ones of

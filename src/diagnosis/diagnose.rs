@@ -3,7 +3,7 @@
 use super::{
     addable::hidden_by_rate,
     case::{Case, Watcher},
-    claim::objections,
+    evidence::objections,
     options::{DiagnosisOptions, Progress},
     outcome::{
         Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable,

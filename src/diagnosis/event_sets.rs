@@ -81,6 +81,24 @@ pub(super) fn not_foretold(foretold: &[Option<f64>], fitted: &[f64]) -> Vec<bool
         .collect()
 }
 
+/// Which events are foretold together when each is once: those that gate, and the others in two halves, every second one
+/// by depth. The deepest and the mildest are never foretold: nothing surrounds them.
+pub(super) fn in_turn(gates: &[bool], lowest_voltages: &[f64]) -> [Vec<bool>; 3] {
+    let mut order: Vec<usize> = (0..gates.len()).collect();
+    order.sort_by(|&a, &b| lowest_voltages[a].total_cmp(&lowest_voltages[b]));
+    let inner = order.get(1..order.len().saturating_sub(1)).unwrap_or(&[]);
+    let mut folds = [
+        gates.to_vec(),
+        vec![false; gates.len()],
+        vec![false; gates.len()],
+    ];
+    let fitted = inner.iter().filter(|&&event| !gates[event]);
+    for (number, &event) in fitted.enumerate() {
+        folds[1 + number % 2][event] = true;
+    }
+    folds
+}
+
 fn balanced(events: &[(&str, f64)]) -> Vec<Use> {
     let mut uses = vec![Use::Fit; events.len()];
     for kind in by_kind(events) {
@@ -224,6 +242,19 @@ mod tests {
         ] {
             assert_eq!(not_foretold(&foretold, &fitted), [false; 3]);
         }
+    }
+
+    #[test]
+    fn every_event_between_others_is_foretold_once() {
+        let depths = [0.9, 0.5, 0.7, 0.95, 0.8, 0.6];
+        let gates = [false, false, true, false, false, false];
+        let folds = in_turn(&gates, &depths);
+        // By depth: 1 (deepest), 5, 2 (gates), 4, 0, 3 (mildest).
+        assert_eq!(folds[0], gates);
+        let of = |fold: &[bool]| (0..6).filter(|&event| fold[event]).collect::<Vec<_>>();
+        assert_eq!([of(&folds[1]), of(&folds[2])], [vec![0, 5], vec![4]]);
+        assert_eq!(in_turn(&[true], &[0.5])[1], [false]);
+        assert!(in_turn(&[], &[])[0].is_empty());
     }
 
     #[test]

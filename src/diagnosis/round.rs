@@ -3,11 +3,10 @@
 use super::{
     addable::addable,
     case::Case,
-    claim::{
-        Evidence, answer_set, companions_or_rivals, decisive, is_adequate, objections, reaches,
-    },
+    claim::{answer_set, companions_or_rivals, decisive, reaches},
     departures::departures,
     equals::beside_companions,
+    evidence::{Evidence, is_adequate, objections},
     outcome::Status,
     trials::{Fitted, Goal, Trial, trials},
 };
@@ -340,8 +339,15 @@ fn status_of(trial: &Trial) -> Status {
 }
 
 fn found(name: &str, evidence: &Evidence) -> String {
+    let in_turn = match (evidence.gate, evidence.in_turn) {
+        (Some(gate), Some(in_turn)) => format!(
+            "; the held-out events leave it open ({:.2} to {:.2}), but of all events, each foretold by others, it falls from {:.2} to {:.2}",
+            gate.before, gate.after, in_turn.before, in_turn.after
+        ),
+        _ => String::new(),
+    };
     format!(
-        "with {name} the misfit of the fitted events falls from {:.2} to {:.2} per sample",
+        "with {name} the misfit of the fitted events falls from {:.2} to {:.2} per sample{in_turn}",
         evidence.chi_square_before, evidence.chi_square_after
     )
 }

@@ -3,7 +3,8 @@
 
 use super::{
     case::Case,
-    claim::{Evidence, GateEvidence, objections, reached_below, shows_no_part, told_apart},
+    claim::{reached_below, shows_no_part, told_apart},
+    evidence::{Evidence, GateEvidence, is_refused_by_gate_alone, objections},
 };
 use crate::{
     identification::{
@@ -471,6 +472,7 @@ fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) 
             .any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
         squares_after: added.squares.iter().sum(),
         gate: None,
+        in_turn: None,
         runner_up: 0.0,
     }
 }
@@ -516,6 +518,10 @@ fn hold_against_gate(
         let after = trial.fit.as_ref().and_then(|fit| case.gate_misfit(fit));
         if let (Some(before), Some(after)) = (base.gate, after) {
             evidence.gate = Some(GateEvidence { before, after });
+        }
+        if evidence.is_overwhelming(options) && is_refused_by_gate_alone(evidence, options) {
+            let own = trial.fit.as_ref();
+            evidence.in_turn = own.and_then(|own| case.in_turn(&base.baseline.all, own));
         }
         if near.is_infinite() && claimable(evidence) {
             let (left, squares) = (evidence.chi_square_after, evidence.squares_after);

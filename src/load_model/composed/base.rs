@@ -31,12 +31,13 @@ const fn base(
 
 const LN_HALF: f64 = -std::f64::consts::LN_2;
 const LN_300: f64 = 5.703_782_474_656_201;
-const LN_40000: f64 = 10.596_634_733_096_073;
+const LN_400000: f64 = 12.899_219_826_090_12;
 const UNKNOWN: [f64; 2] = [0.0, f64::INFINITY];
 
 /// Base parameters in the order of the model's vector: `ln alpha`, `ln nu`, `kappa`, and the linear
 /// coefficients of [`LinearCoefficients`](crate::load_model::LinearCoefficients). The bounds are
-/// those of the joint problem of `identification`, the priors on the static coefficients too. With `x'` in
+/// those of the joint problem of `identification`, the priors on the static coefficients too; but `nu` reaches ten times
+/// as far, H of some milliseconds: a load may be motors of next to no inertia (decision 0072). With `x'` in
 /// it `kappa` falls with V0^2 and `nu` rises with it; `alpha` has no impedance in it.
 pub const BASE: [Parameter; BASE_PARAMETERS] = [
     base(
@@ -44,7 +45,7 @@ pub const BASE: [Parameter; BASE_PARAMETERS] = [
         [LN_HALF, 3.5, LN_300],
         UNKNOWN,
     ),
-    base(["ln_nu", "ln nu", "1"], [LN_HALF, 7.0, LN_40000], UNKNOWN)
+    base(["ln_nu", "ln nu", "1"], [LN_HALF, 7.0, LN_400000], UNKNOWN)
         .with_reference(Reference::LogarithmOfGroupAdmittance),
     base(["kappa", "kappa", "1"], [0.01, 0.36, 0.995], UNKNOWN)
         .with_reference(Reference::GroupImpedance),

@@ -1,0 +1,418 @@
+//! What speaks for an effect and what against it: figures in, objections with theirs out. No model here.
+
+use super::options::ClaimOptions;
+
+/// Weighted squares per row on the gate's events, not fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct GateEvidence {
+    pub(super) before: f64,
+    pub(super) after: f64,
+}
+
+/// What speaks for one effect.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Evidence {
+    /// The load, not the instrument.
+    pub(super) physics: bool,
+    /// Change of the criterion on all judged events.
+    pub(super) delta_bic: f64,
+    /// Weighted squares per row without it ...
+    pub(super) chi_square_before: f64,
+    /// ... and with it.
+    pub(super) chi_square_after: f64,
+    /// It acts in parts between two voltages that no event's lowest one lies between.
+    pub(super) unseen_span: bool,
+    /// Amplitude over the smallest meaningful one.
+    pub(super) amplitude_over_meaningful: f64,
+    /// An amplitude or shape lies on a bound.
+    pub(super) at_bound: bool,
+    /// Weighted squares with it.
+    pub(super) squares_after: f64,
+    /// Against the gate; none where there is none.
+    pub(super) gate: Option<GateEvidence>,
+    /// Against every event that others surround, foretold in turn; none where the gate alone was asked.
+    pub(super) in_turn: Option<GateEvidence>,
+    /// What the criterion gains by the best other effect, over what it gains by this one.
+    pub(super) runner_up: f64,
+}
+
+impl Evidence {
+    /// Whether no other effect comes near.
+    fn stands_out(&self, options: &ClaimOptions) -> bool {
+        self.runner_up <= options.distinct_runner_up
+    }
+
+    /// Whether the model follows the events already, the held-out ones too.
+    fn is_followed(&self, options: &ClaimOptions) -> bool {
+        let adequate = |g: GateEvidence| is_adequate(g.before, options);
+        is_adequate(self.chi_square_before, options) && self.gate.is_none_or(adequate)
+    }
+
+    /// Whether it does as well as the noise allows.
+    fn at_floor(&self, options: &ClaimOptions) -> bool {
+        self.chi_square_before <= options.floor && self.is_followed(options)
+    }
+
+    /// Whether it lowers the misfit as no other effect does, and by far more than a claim needs.
+    pub(super) fn is_overwhelming(&self, options: &ClaimOptions) -> bool {
+        self.stands_out(options) && self.is_evident(options)
+    }
+
+    /// Whether the fitted events alone leave no doubt that it explains something.
+    fn is_evident(&self, options: &ClaimOptions) -> bool {
+        self.delta_bic <= -options.evident_delta_bic
+            && fall(self.chi_square_before, self.chi_square_after) >= options.evident_fall
+    }
+
+    /// Whether the held-out events have nothing to show: they are followed already, while the fitted ones
+    /// are far from it, or hold next to nothing of what is left there. What has a threshold may not have operated
+    /// in any of them, and what they do leave may be something else's.
+    fn gate_is_silent(&self, gate: GateEvidence, options: &ClaimOptions) -> bool {
+        let little = gate.before < SILENT_SHARE * self.chi_square_before;
+        !is_adequate(self.chi_square_before, options)
+            && (is_adequate(gate.before, options) || little)
+    }
+}
+
+/// Held-out events that leave less than this share of what the fitted ones leave show nothing of it.
+const SILENT_SHARE: f64 = 0.02;
+/// Where they fall by this many times what a claim needs, they are not silent after all.
+const SILENT_FALLS: f64 = 2.0;
+
+/// A model that leaves less than this many times the floor is adequate.
+pub(super) const ADEQUATE_FLOORS: f64 = 2.0;
+
+/// Whether what a model leaves counts as adequate, unless events depart from it for a while.
+pub(super) fn is_adequate(chi_square: f64, options: &ClaimOptions) -> bool {
+    chi_square < ADEQUATE_FLOORS * options.floor
+}
+
+/// Share by which a value falls. What cannot be simulated has an infinite misfit.
+fn fall(before: f64, after: f64) -> f64 {
+    if !after.is_finite() {
+        -1.0
+    } else if before.is_infinite() {
+        1.0
+    } else if before > 0.0 {
+        (before - after) / before
+    } else {
+        -1.0
+    }
+}
+
+/// Share by which a claim lowers the weighted squares of the fitted events.
+fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
+    if !evidence.at_floor(options) {
+        options.fall_min
+    } else if evidence.stands_out(options) {
+        options.distinct_fall_min
+    } else {
+        options.fall_min_at_floor
+    }
+}
+
+/// The same of the held-out events. Where they are followed, an effect that stands out needs no more there
+/// than of the fitted ones, and one that is evident in these next to nothing: the held-out ones may be mild. One without
+/// which much more would be left of these needs nothing: the held-out ones may not excite it at all.
+fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
+    if !evidence.is_followed(options) {
+        options.held_out_fall_min
+    } else if evidence.delta_bic <= -options.evident_delta_bic {
+        let own = fall(evidence.chi_square_before, evidence.chi_square_after);
+        let is_large = own >= options.evident_fall;
+        if is_large {
+            0.0
+        } else {
+            options.evident_held_out_fall_min
+        }
+    } else if evidence.stands_out(options) {
+        needed_fall(evidence, options)
+    } else {
+        options.held_out_fall_min
+    }
+}
+
+/// Whether nothing but the gate speaks against an effect.
+pub(super) fn is_refused_by_gate_alone(evidence: &Evidence, options: &ClaimOptions) -> bool {
+    let refused = objections(evidence, options);
+    let of_gate = evidence
+        .gate
+        .and_then(|gate| of_the_gate(evidence, gate, options));
+    of_gate.is_some() && refused.len() == 1
+}
+
+/// Why this effect may not be declared, each with its figure; empty when it may.
+pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<String> {
+    let mut list = Vec::new();
+    if evidence.delta_bic > -options.delta_bic_min {
+        list.push(format!(
+            "the criterion changes by {:.0}; a claim needs -{:.0}",
+            evidence.delta_bic, options.delta_bic_min
+        ));
+    }
+    let own = fall(evidence.chi_square_before, evidence.chi_square_after);
+    let needed = needed_fall(evidence, options);
+    if own < needed {
+        list.push(format!(
+            "the misfit of the fitted events falls by {:.1} %; a claim needs {:.0} %",
+            100.0 * own,
+            100.0 * needed
+        ));
+    }
+    if evidence.amplitude_over_meaningful < 1.0 {
+        list.push(format!(
+            "its amplitude is {:.2} of the smallest one worth reporting",
+            evidence.amplitude_over_meaningful
+        ));
+    }
+    list.extend(
+        evidence
+            .gate
+            .and_then(|gate| of_the_gate(evidence, gate, options)),
+    );
+    list
+}
+
+/// What the gate says against an effect.
+fn of_the_gate(evidence: &Evidence, gate: GateEvidence, options: &ClaimOptions) -> Option<String> {
+    let held_out = fall(gate.before, gate.after);
+    let needed = needed_held_out_fall(evidence, options);
+    // What single events leave open, all of them in turn may not.
+    let in_turn = |g: GateEvidence| fall(g.before, g.after) >= options.held_out_fall_min;
+    let foretold = evidence.in_turn.is_some_and(in_turn);
+    if !evidence.gate_is_silent(gate, options) {
+        let kept = evidence.is_evident(options) && is_adequate(gate.after, options);
+        let speaks_against = held_out < needed && !kept && !foretold;
+        return speaks_against.then(|| {
+            format!(
+                "the misfit of the held-out events falls by {:.1} %; a claim needs {:.0} %",
+                100.0 * held_out,
+                100.0 * needed
+            )
+        });
+    }
+    let speaks = held_out >= SILENT_FALLS * options.held_out_fall_min;
+    let left = left_share(evidence, options);
+    if !speaks && left > options.silent_left_share {
+        return Some(format!(
+            "the held-out events show nothing of it, and of what the fitted ones show it leaves {:.0} %; a claim needs at most {:.0} %",
+            100.0 * left,
+            100.0 * options.silent_left_share
+        ));
+    }
+    // Not for NaN, either.
+    let kept = is_adequate(gate.after, options) || gate.after <= gate.before;
+    (!kept && !foretold).then(|| {
+        format!(
+            "the held-out events, followed without it ({:.2} per sample), are not with it ({:.2})",
+            gate.before, gate.after
+        )
+    })
+}
+
+/// What is left above the floor, as a share of what was.
+fn left_share(evidence: &Evidence, options: &ClaimOptions) -> f64 {
+    let left = (evidence.chi_square_after - options.floor).max(0.0);
+    left / (evidence.chi_square_before - options.floor).max(f64::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(in crate::diagnosis) fn evidence(delta_bic: f64, after: f64, physics: bool) -> Evidence {
+        Evidence {
+            physics,
+            delta_bic,
+            chi_square_before: 10.0,
+            chi_square_after: after,
+            unseen_span: false,
+            amplitude_over_meaningful: 3.0,
+            at_bound: false,
+            squares_after: 1000.0 * after,
+            runner_up: 0.9,
+            in_turn: None,
+            gate: Some(GateEvidence {
+                before: 12.0,
+                after: after * 1.2,
+            }),
+        }
+    }
+
+    #[test]
+    fn a_claim_needs_criterion_misfit_amplitude_and_gate() {
+        let options = ClaimOptions::default();
+        let good = evidence(-500.0, 2.0, true);
+        assert!(objections(&good, &options).is_empty());
+        let weak = Evidence {
+            delta_bic: -20.0,
+            ..good.clone()
+        };
+        assert_eq!(objections(&weak, &options).len(), 1);
+        let small = Evidence {
+            amplitude_over_meaningful: 0.4,
+            ..good.clone()
+        };
+        assert!(objections(&small, &options)[0].contains("0.40"));
+        let gate = Some(GateEvidence {
+            before: 12.0,
+            after: f64::INFINITY,
+        });
+        let failed = Evidence {
+            gate,
+            ..good.clone()
+        };
+        assert!(objections(&failed, &options)[0].contains("held-out"));
+        let ungated = Evidence { gate: None, ..good };
+        assert!(objections(&ungated, &options).is_empty());
+    }
+
+    #[test]
+    fn at_the_floor_an_effect_that_stands_out_needs_less() {
+        let options = ClaimOptions::default();
+        let small = Evidence {
+            chi_square_before: 0.50,
+            gate: Some(GateEvidence {
+                before: 0.60,
+                after: 0.56,
+            }),
+            ..evidence(-300.0, 0.465, true)
+        };
+        // 7 % on the fitted events and on the others.
+        assert_eq!(objections(&small, &options).len(), 2);
+        let alone = Evidence {
+            runner_up: 0.2,
+            ..small.clone()
+        };
+        assert!(objections(&alone, &options).is_empty());
+        // Above the floor it needs no more of the held-out events than of the fitted ones, ...
+        let above = Evidence {
+            chi_square_before: 0.72,
+            chi_square_after: 0.67,
+            ..alone.clone()
+        };
+        assert!(objections(&above, &options).is_empty());
+        let beside_others = Evidence {
+            runner_up: 0.9,
+            ..above
+        };
+        assert_eq!(objections(&beside_others, &options).len(), 1);
+        // Where the held-out events are not followed, the model is not at the floor.
+        let gate = Some(GateEvidence {
+            before: 1.6,
+            after: 0.5,
+        });
+        let elsewhere = Evidence { gate, ..small };
+        assert!(objections(&elsewhere, &options).is_empty());
+    }
+
+    #[test]
+    fn what_is_evident_in_followed_events_need_not_show_in_mild_held_out_ones() {
+        let options = ClaimOptions::default();
+        let of = |delta_bic: f64, after: f64| Evidence {
+            chi_square_before: 0.71,
+            gate: Some(GateEvidence {
+                before: 0.671,
+                after,
+            }),
+            ..evidence(delta_bic, 0.55, true)
+        };
+        assert!(objections(&of(-758.0, 0.657), &options).is_empty());
+        assert_eq!(objections(&of(-400.0, 0.657), &options).len(), 1);
+        assert_eq!(objections(&of(-758.0, 0.67), &options).len(), 1);
+        // What most of the misfit of the fitted events goes to need not show there at all, ...
+        let large = |after: f64| Evidence {
+            chi_square_before: 1.28,
+            chi_square_after: 0.25,
+            ..of(-10_984.0, after)
+        };
+        assert!(objections(&large(0.67), &options).is_empty());
+        // ... but they must stay followed.
+        assert!(objections(&large(0.90), &options).is_empty());
+        assert!(objections(&large(1.45), &options)[0].contains("held-out"));
+    }
+
+    #[test]
+    fn held_out_events_in_which_nothing_operates_need_only_stay_followed() {
+        let options = ClaimOptions::default();
+        let gate = |after| Evidence {
+            gate: Some(GateEvidence { before: 0.6, after }),
+            ..evidence(-5000.0, 0.8, true)
+        };
+        assert!(objections(&gate(0.9), &options).is_empty());
+        assert!(objections(&gate(1.6), &options)[0].contains("are not with it (1.60)"));
+        assert_eq!(objections(&gate(f64::INFINITY), &options).len(), 1);
+        let weak = Evidence {
+            chi_square_after: 5.0,
+            ..gate(0.9)
+        };
+        assert!(objections(&weak, &options)[0].contains("it leaves 46 %"));
+        // They speak for it all the same.
+        let heard = Evidence {
+            gate: Some(GateEvidence {
+                before: 0.70,
+                after: 0.50,
+            }),
+            ..weak.clone()
+        };
+        assert!(objections(&heard, &options).is_empty());
+        // What they leave is little beside what the fitted ones do: something else's.
+        let beside = |after| Evidence {
+            chi_square_before: 235.0,
+            chi_square_after: 8.0,
+            gate: Some(GateEvidence {
+                before: 1.61,
+                after,
+            }),
+            ..weak.clone()
+        };
+        assert!(objections(&beside(1.50), &options).is_empty());
+        assert!(objections(&beside(1.70), &options)[0].contains("are not with it (1.70)"));
+        // Where the fitted events are followed as well, they must fall.
+        let near = Evidence {
+            chi_square_before: 1.2,
+            chi_square_after: 1.0,
+            ..gate(0.7)
+        };
+        assert!(objections(&near, &options)[0].contains("held-out"));
+    }
+
+    #[test]
+    fn what_the_gating_events_leave_open_the_others_may_foretell() {
+        let options = ClaimOptions::default();
+        let gate = GateEvidence {
+            before: 0.9,
+            after: 4.8,
+        };
+        let in_turn = |after: f64| Evidence {
+            chi_square_before: 0.76,
+            gate: Some(gate),
+            in_turn: Some(GateEvidence { before: 0.5, after }),
+            ..evidence(-5000.0, 0.27, true)
+        };
+        assert!(objections(&in_turn(0.25), &options).is_empty());
+        assert_eq!(objections(&in_turn(0.48), &options).len(), 1);
+        assert_eq!(objections(&in_turn(f64::NAN), &options).len(), 1);
+        // They are asked only about what nothing else comes near to.
+        let alone = Evidence {
+            runner_up: 0.2,
+            ..in_turn(0.25)
+        };
+        assert!(alone.is_overwhelming(&options) && !in_turn(0.25).is_overwhelming(&options));
+        let refused = Evidence {
+            in_turn: None,
+            ..alone.clone()
+        };
+        assert!(is_refused_by_gate_alone(&refused, &options));
+        let small_besides = Evidence {
+            amplitude_over_meaningful: 0.5,
+            ..refused
+        };
+        assert!(!is_refused_by_gate_alone(&small_besides, &options));
+        let small = Evidence {
+            chi_square_after: 0.6,
+            ..alone
+        };
+        assert!(!small.is_overwhelming(&options));
+    }
+}

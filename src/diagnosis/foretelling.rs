@@ -1,0 +1,174 @@
+//! What fits say of events that they have not seen.
+
+use super::{
+    case::Case,
+    event_sets::{in_turn, not_foretold},
+    evidence::GateEvidence,
+};
+use crate::identification::{
+    IdentificationError,
+    composed::{self, ComposedFit, ComposedFitOptions},
+    intake::PreparedEvent,
+};
+
+impl Case<'_> {
+    /// Whether there are events to hold a claim against.
+    pub(super) fn has_gate(&self) -> bool {
+        self.gates.contains(&true)
+    }
+
+    /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
+    /// been fitted; but for what events only bracket. `None` when it cannot be simulated there.
+    fn without_gate(&self, fit: &ComposedFit, options: &ComposedFitOptions) -> Option<ComposedFit> {
+        self.fitted_to(&self.part(false), fit, options)
+    }
+
+    /// The same on these events.
+    fn fitted_to(
+        &self,
+        events: &[PreparedEvent],
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+    ) -> Option<ComposedFit> {
+        let bracketed = |index: &usize| composed::is_bracketed(&fit.model.parameters()[*index]);
+        let free: Vec<usize> = (fit.free.iter().copied())
+            .filter(|index| !bracketed(index))
+            .collect();
+        composed::fit(
+            events,
+            &fit.model,
+            &fit.parameters,
+            &free,
+            options,
+            self.watcher.cancel,
+        )
+    }
+
+    /// The model of `fit` as it is quoted and published.
+    pub(super) fn narrowed(&self, fit: &ComposedFit) -> ComposedFit {
+        let options = &self.options.composed;
+        composed::narrowed(&self.judged, fit, options, self.watcher.cancel)
+    }
+
+    /// The same without the gate. Levels of relays that the fitted events leave open are those of `fit`: where one
+    /// lies between a dip that operated a relay and one that did not, an event between them cannot be foretold,
+    /// and says nothing against the model.
+    pub(super) fn narrowed_without_gate(
+        &self,
+        fit: &ComposedFit,
+    ) -> Result<ComposedFit, IdentificationError> {
+        let fitted = self.part(false);
+        let options = &self.options.composed;
+        let trained = |fit: &ComposedFit| {
+            let own = self.without_gate(fit, options);
+            own.map(|own| composed::narrowed(&fitted, &own, options, self.watcher.cancel))
+        };
+        let free = trained(fit).ok_or_else(|| self.failed())?;
+        let open = |[one, other]: [f64; 2]| {
+            let between = |e: &PreparedEvent| {
+                let lowest = e.lowest_voltage * e.v0_pu;
+                one.min(other) < lowest && lowest < one.max(other)
+            };
+            !fitted.iter().any(between)
+        };
+        let held = composed::with_levels_of(&free, fit, open);
+        Ok(held.and_then(|held| trained(&held)).unwrap_or(free))
+    }
+
+    /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely
+    /// fitted: it begins where all events together led), composition of each event free to vary; infinite when
+    /// they cannot be simulated. `None` without such events.
+    pub(super) fn gate_misfit(&self, fit: &ComposedFit) -> Option<f64> {
+        if !self.has_gate() {
+            return None;
+        }
+        let gate = self.part(true);
+        let scatter = &self.options.composed.scatter;
+        let squares = self
+            .without_gate(fit, &self.options.composed.coarse())
+            .and_then(|fit| composed::squares(&gate, &fit.model, &fit.parameters, scatter));
+        let rows: usize = gate.iter().map(PreparedEvent::rows).sum();
+        Some(squares.map_or(f64::INFINITY, |s| {
+            s.iter().sum::<f64>() / rows.max(1) as f64
+        }))
+    }
+
+    /// Weighted squares per row of the events that others surround in depth ([`in_turn`]), each foretold by fits to others,
+    /// without (`before`) and with (`after`) an effect. Without those that the effect follows but does not foretell
+    /// ([`not_foretold`]): how is left open by the others, and they say nothing of it. `None` without a gate.
+    pub(super) fn in_turn(
+        &self,
+        before: &ComposedFit,
+        after: &ComposedFit,
+    ) -> Option<GateEvidence> {
+        if !self.has_gate() {
+            return None;
+        }
+        let depths: Vec<f64> = self.judged.iter().map(|e| e.lowest_voltage).collect();
+        let folds = in_turn(&self.gates, &depths);
+        let [before, with] = [before, after].map(|fit| self.foretold_in_turn(fit, &folds));
+        let followed: Vec<f64> = self.per_row(after);
+        let open = not_foretold(&with, &followed);
+        let mut sums = [0.0; 3];
+        for (event, (before, after)) in before.into_iter().zip(with).enumerate() {
+            if let (Some(before), Some(after), false) = (before, after, open[event]) {
+                let rows = self.judged[event].rows() as f64;
+                sums = [
+                    sums[0] + rows * before,
+                    sums[1] + rows * after,
+                    sums[2] + rows,
+                ];
+            }
+        }
+        (sums[2] > 0.0).then(|| GateEvidence {
+            before: sums[0] / sums[2],
+            after: sums[1] / sums[2],
+        })
+    }
+
+    /// Of each event of some fold what a fit to those outside the fold leaves of it, per row.
+    fn foretold_in_turn(&self, fit: &ComposedFit, folds: &[Vec<bool>]) -> Vec<Option<f64>> {
+        let mut all = vec![None; self.judged.len()];
+        for held in folds {
+            let others: Vec<PreparedEvent> = (self.judged.iter().zip(held))
+                .filter(|(_, held)| !**held)
+                .map(|(event, _)| event.clone())
+                .collect();
+            let own = self.fitted_to(&others, fit, &self.options.composed.coarse());
+            let own = match own {
+                Some(own) => self.foretold(&own, held),
+                None => held
+                    .iter()
+                    .map(|held| held.then_some(f64::INFINITY))
+                    .collect(),
+            };
+            for (known, own) in all.iter_mut().zip(own) {
+                *known = known.or(own);
+            }
+        }
+        all
+    }
+
+    /// Weighted squares per row that a fit to all judged events leaves of each.
+    pub(super) fn per_row(&self, fit: &ComposedFit) -> Vec<f64> {
+        let rows = self.judged.iter().map(PreparedEvent::rows);
+        let squares = fit.squares.iter().zip(rows);
+        squares
+            .map(|(squares, rows)| squares / rows.max(1) as f64)
+            .collect()
+    }
+
+    /// Weighted squares per row that a fit leaves of each judged event that was `held` out of it, infinite where it has no
+    /// response; none of the others.
+    pub(super) fn foretold(&self, fit: &ComposedFit, held: &[bool]) -> Vec<Option<f64>> {
+        let scatter = &self.options.composed.scatter;
+        let of = |event: &PreparedEvent| {
+            let one = std::slice::from_ref(event);
+            let squares = composed::squares(one, &fit.model, &fit.parameters, scatter);
+            let own = squares.and_then(|s| s.first().copied());
+            own.map_or(f64::INFINITY, |own| own / event.rows().max(1) as f64)
+        };
+        let both = self.judged.iter().zip(held);
+        both.map(|(event, held)| held.then(|| of(event))).collect()
+    }
+}
