@@ -112,19 +112,13 @@ fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
 }
 
 /// The same of the held-out events. Where they are followed, an effect that stands out needs no more there
-/// than of the fitted ones, and one that is evident in these next to nothing: the held-out ones may be mild. One without
-/// which much more would be left of these needs nothing: the held-out ones may not excite it at all.
+/// than of the fitted ones, and one that lowers the criterion by far in these next to nothing: the held-out ones may be
+/// mild.
 fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
     if !evidence.is_followed(options) {
         options.held_out_fall_min
     } else if evidence.delta_bic <= -options.evident_delta_bic {
-        let own = fall(evidence.chi_square_before, evidence.chi_square_after);
-        let is_large = own >= options.evident_fall;
-        if is_large {
-            0.0
-        } else {
-            options.evident_held_out_fall_min
-        }
+        options.evident_held_out_fall_min
     } else if evidence.stands_out(options) {
         needed_fall(evidence, options)
     } else {
@@ -176,14 +170,23 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
 /// What the gate says against an effect.
 fn of_the_gate(evidence: &Evidence, gate: GateEvidence, options: &ClaimOptions) -> Option<String> {
     let held_out = fall(gate.before, gate.after);
-    let needed = needed_held_out_fall(evidence, options);
     // What single events leave open, all of them in turn may not.
     let in_turn = |g: GateEvidence| fall(g.before, g.after) >= options.held_out_fall_min;
     let foretold = evidence.in_turn.is_some_and(in_turn);
-    if !evidence.gate_is_silent(gate, options) {
-        let kept = evidence.is_evident(options) && is_adequate(gate.after, options);
-        let speaks_against = held_out < needed && !kept && !foretold;
-        return speaks_against.then(|| {
+    let is_silent = evidence.gate_is_silent(gate, options);
+    if is_silent {
+        let speaks = held_out >= SILENT_FALLS * options.held_out_fall_min;
+        let left = left_share(evidence, options);
+        if !speaks && left > options.silent_left_share {
+            return Some(format!(
+                "the held-out events show nothing of it, and of what the fitted ones show it leaves {:.0} %; a claim needs at most {:.0} %",
+                100.0 * left,
+                100.0 * options.silent_left_share
+            ));
+        }
+    } else if !(evidence.is_followed(options) && evidence.is_evident(options)) {
+        let needed = needed_held_out_fall(evidence, options);
+        return (held_out < needed && !foretold).then(|| {
             format!(
                 "the misfit of the held-out events falls by {:.1} %; a claim needs {:.0} %",
                 100.0 * held_out,
@@ -191,16 +194,7 @@ fn of_the_gate(evidence: &Evidence, gate: GateEvidence, options: &ClaimOptions) 
             )
         });
     }
-    let speaks = held_out >= SILENT_FALLS * options.held_out_fall_min;
-    let left = left_share(evidence, options);
-    if !speaks && left > options.silent_left_share {
-        return Some(format!(
-            "the held-out events show nothing of it, and of what the fitted ones show it leaves {:.0} %; a claim needs at most {:.0} %",
-            100.0 * left,
-            100.0 * options.silent_left_share
-        ));
-    }
-    // Not for NaN, either.
+    // They may not excite it at all, and need only stay followed. Not for NaN, either.
     let kept = is_adequate(gate.after, options) || gate.after <= gate.before;
     (!kept && !foretold).then(|| {
         format!(
@@ -329,7 +323,18 @@ pub(super) mod tests {
         assert!(objections(&large(0.67), &options).is_empty());
         // ... but they must stay followed.
         assert!(objections(&large(0.90), &options).is_empty());
-        assert!(objections(&large(1.45), &options)[0].contains("held-out"));
+        assert!(objections(&large(1.45), &options)[0].contains("are not with it (1.45)"));
+        assert_eq!(objections(&large(f64::NAN), &options).len(), 1);
+        // Those that were not must fall.
+        let not_followed = Evidence {
+            chi_square_before: 2.0,
+            gate: Some(GateEvidence {
+                before: 1.45,
+                after: 1.39,
+            }),
+            ..large(0.0)
+        };
+        assert!(objections(&not_followed, &options)[0].contains("falls by 4.1 %"));
     }
 
     #[test]

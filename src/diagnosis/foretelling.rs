@@ -11,6 +11,20 @@ use crate::identification::{
     intake::PreparedEvent,
 };
 
+/// Of the events that an effect is asked to foretell at most this share may be left out.
+const OPEN_SHARE: f64 = 0.25;
+
+/// The events that are `open`, where they are few of those foretold: an effect that foretells many of them badly only
+/// bends to what it was fitted to.
+fn few(mut open: Vec<bool>, foretold: &[Option<f64>]) -> Vec<bool> {
+    let count = open.iter().filter(|open| **open).count();
+    let asked = foretold.iter().flatten().count();
+    if count as f64 > OPEN_SHARE * asked as f64 {
+        open.fill(false);
+    }
+    open
+}
+
 impl Case<'_> {
     /// Whether there are events to hold a claim against.
     pub(super) fn has_gate(&self) -> bool {
@@ -107,8 +121,7 @@ impl Case<'_> {
         let depths: Vec<f64> = self.judged.iter().map(|e| e.lowest_voltage).collect();
         let folds = in_turn(&self.gates, &depths);
         let [before, with] = [before, after].map(|fit| self.foretold_in_turn(fit, &folds));
-        let followed: Vec<f64> = self.per_row(after);
-        let open = not_foretold(&with, &followed);
+        let open = few(not_foretold(&with, &self.per_row(after)), &with);
         let mut sums = [0.0; 3];
         for (event, (before, after)) in before.into_iter().zip(with).enumerate() {
             if let (Some(before), Some(after), false) = (before, after, open[event]) {
@@ -129,7 +142,7 @@ impl Case<'_> {
     /// Of each event of some fold what a fit to those outside the fold leaves of it, per row.
     fn foretold_in_turn(&self, fit: &ComposedFit, folds: &[Vec<bool>]) -> Vec<Option<f64>> {
         let mut all = vec![None; self.judged.len()];
-        for held in folds {
+        for held in folds.iter().filter(|held| held.contains(&true)) {
             let others: Vec<PreparedEvent> = (self.judged.iter().zip(held))
                 .filter(|(_, held)| !**held)
                 .map(|(event, _)| event.clone())
@@ -170,5 +183,19 @@ impl Case<'_> {
         };
         let both = self.judged.iter().zip(held);
         both.map(|(event, held)| held.then(|| of(event))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::few;
+
+    #[test]
+    fn an_effect_that_foretells_many_events_badly_is_excused_from_none() {
+        let foretold = [Some(1.0), Some(1.0), Some(90.0), Some(1.0), None];
+        let open = |of: [bool; 5]| few(of.to_vec(), &foretold);
+        let one = [false, false, true, false, false];
+        assert_eq!(open(one), one);
+        assert_eq!(open([false, true, true, false, false]), [false; 5]);
     }
 }

@@ -522,6 +522,7 @@ fn hold_against_gate(
         if evidence.is_overwhelming(options) && is_refused_by_gate_alone(evidence, options) {
             let own = trial.fit.as_ref();
             evidence.in_turn = own.and_then(|own| case.in_turn(&base.baseline.all, own));
+            case.watcher.check()?;
         }
         if near.is_infinite() && claimable(evidence) {
             let (left, squares) = (evidence.chi_square_after, evidence.squares_after);
