@@ -21,6 +21,17 @@ SITE_BASE_MVA = 200.0
 MARGIN_S = 0.05
 GRID_S = 5e-4
 
+# What the parts of a pair hide.
+PARTS = {
+    "second_motor": "second_motor",
+    "torque": "speed_dependent_torque",
+    "frequency": "static_frequency_dependence",
+    "recovery": "exponential_recovery",
+    "dropout": "electronic_load_dropout",
+    "motor_trip": "motor_undervoltage_trip",
+    "feeder": "feeder_impedance",
+}
+
 KINDS = {
     "none": [],
     "second_motor": ["second_motor"],
@@ -33,6 +44,24 @@ KINDS = {
     "feeder": ["feeder_impedance"],
     "feeder+second_motor": ["feeder_impedance", "second_motor"],
     "tap": ["tap_changer", "feeder_impedance"],
+    **{
+        f"{one}+{other}": [PARTS[one], PARTS[other]]
+        for one, other in [
+            ("second_motor", "recovery"),
+            ("second_motor", "frequency"),
+            ("second_motor", "dropout"),
+            ("second_motor", "motor_trip"),
+            ("torque", "recovery"),
+            ("torque", "dropout"),
+            ("frequency", "recovery"),
+            ("frequency", "motor_trip"),
+            ("recovery", "dropout"),
+            ("recovery", "motor_trip"),
+            ("feeder", "recovery"),
+            ("feeder", "frequency"),
+            ("feeder", "dropout"),
+        ]
+    },
 }
 
 # Kind, faulted bus, cycles; reactance of the fault, ohm.
@@ -176,6 +205,48 @@ def site(kind, rng):
         more = {"share": share, **switched}
     if records is None:
         records = [motor_record("M1", bus, kpm, m), static_record("L1", bus, (1 - kpm, 1 - kpm), z)]
+    truth = {"kpm": kpm, "motor": m, "zip": z, **more}
+    return {"records": records, "behind": behind, "switched": switched, "truth": truth}
+
+
+def pair(kind, rng):
+    """The load of a site with two effects of `PARTS`, as `site` gives it."""
+    parts = kind.split("+")
+    kpm, m, z = rng.uniform(0.35, 0.5), motor(rng), zip_shares(rng)
+    static_p, static_q, by_frequency = 1 - kpm, 1 - kpm, (0.0, 0.0)
+    behind, bus, switched, more = None, "L", None, {}
+    records, motors = [], {"M1": (kpm, m)}
+    if "feeder" in parts:
+        behind, bus = {"kv": 23.0, "r_ohm": rng.uniform(0.05, 0.12), "x_ohm": rng.uniform(0.2, 0.35)}, "D"
+    if "torque" in parts:
+        m["A"] = 1.0
+    if "second_motor" in parts:
+        second, share = motor(rng), kpm * rng.uniform(0.4, 0.6)
+        m["h"], m["rr"] = rng.uniform(0.2, 0.4), rng.uniform(0.025, 0.04)
+        second.update(h=rng.uniform(1.2, 1.8), rr=rng.uniform(0.008, 0.013))
+        motors = {"M1": (kpm - share, m), "M2": (share, second)}
+        more |= {"motor2": second, "share2": share}
+    if "frequency" in parts:
+        by_frequency = rng.uniform(1.5, 3.0), -rng.uniform(1.0, 2.5)
+        more |= {"dp": by_frequency[0], "dq": by_frequency[1]}
+    if "recovery" in parts:
+        share, time_s = rng.uniform(0.15, 0.3), rng.uniform(1.2, 4.0)
+        static_p -= share
+        records.append(f"INJEC RESTLD X2 {bus} {share:.6f} 0. 0. 0. 0. 2. 0. 0.2 3. 0. 2. 0. 0.2 3. {time_s:.3f} ;")
+        more |= {"recovering": share, "tr": time_s}
+    if "dropout" in parts or "motor_trip" in parts:
+        switched = {"delay_s": rng.uniform(0.02, 0.06), "voltage": rng.uniform(0.68, 0.8)}
+        if "dropout" in parts:
+            share = rng.uniform(0.1, 0.2)
+            static_p -= share
+            records.append(static_record("X1", bus, (share, 0.0), (0.0, 0.0, 0.0, 0.0)))
+        else:
+            share = kpm * rng.uniform(0.2, 0.4)
+            motors = {name: (own * (1 - share / kpm), machine) for name, (own, machine) in motors.items()}
+            motors["X1"] = share, m
+        more |= {"share": share, **switched}
+    records += [motor_record(name, bus, own, machine) for name, (own, machine) in motors.items()]
+    records.append(static_record("L1", bus, (static_p, static_q), z, by_frequency, local="frequency" in parts))
     truth = {"kpm": kpm, "motor": m, "zip": z, **more}
     return {"records": records, "behind": behind, "switched": switched, "truth": truth}
 
@@ -438,7 +509,9 @@ def main():
     frames_per_s = int(sys.argv[4]) if len(sys.argv) > 4 else 60
     noise = float(sys.argv[5]) if len(sys.argv) > 5 else 0.001
     rng = np.random.default_rng([seed, sum(map(ord, kind))])
-    load = site(kind, rng)
+    parts = kind.split("+")
+    both = kind != "feeder+second_motor" and len(parts) == 2
+    load = pair(kind, rng) if both else site(kind, rng)
     os.makedirs(folder, exist_ok=True)
     p_mw, q_mvar = rng.uniform(150, 195), rng.uniform(40, 62)
     written = []
