@@ -64,6 +64,17 @@ impl Evidence {
             && fall(self.chi_square_before, self.chi_square_after) >= options.evident_fall
     }
 
+    /// Whether events that it was not fitted to confirm what is small beside the noise that is assumed. What others come
+    /// nearer to is not.
+    fn is_confirmed(&self, options: &ClaimOptions) -> bool {
+        let falls =
+            |gate: GateEvidence| fall(gate.before, gate.after) >= options.confirmed_fall_min;
+        self.is_followed(options)
+            && self.delta_bic <= -options.confirmed_delta_bic
+            && self.runner_up <= CONFIRMED_RUNNER_UP
+            && self.gate.is_some_and(falls)
+    }
+
     /// Whether the held-out events have nothing to show: they are followed already, while the fitted ones
     /// are far from it, or hold next to nothing of what is left there. What has a threshold may not have operated
     /// in any of them, and what they do leave may be something else's.
@@ -74,6 +85,8 @@ impl Evidence {
     }
 }
 
+/// What is confirmed gains no less than the best other effect gains divided by this: rivals are confirmed too.
+const CONFIRMED_RUNNER_UP: f64 = 1.25;
 /// Held-out events that leave less than this share of what the fitted ones leave show nothing of it.
 const SILENT_SHARE: f64 = 0.02;
 /// Where they fall by this many times what a claim needs, they are not silent after all.
@@ -106,6 +119,8 @@ fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
         options.fall_min
     } else if evidence.stands_out(options) {
         options.distinct_fall_min
+    } else if evidence.is_confirmed(options) {
+        options.confirmed_fall_min
     } else {
         options.fall_min_at_floor
     }
@@ -119,6 +134,8 @@ fn needed_held_out_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
         options.held_out_fall_min
     } else if evidence.delta_bic <= -options.evident_delta_bic {
         options.evident_held_out_fall_min
+    } else if evidence.is_confirmed(options) {
+        options.confirmed_fall_min
     } else if evidence.stands_out(options) {
         needed_fall(evidence, options)
     } else {
@@ -259,6 +276,47 @@ pub(super) mod tests {
         assert!(objections(&failed, &options)[0].contains("held-out"));
         let ungated = Evidence { gate: None, ..good };
         assert!(objections(&ungated, &options).is_empty());
+    }
+
+    #[test]
+    fn what_held_out_events_confirm_may_be_small() {
+        let options = ClaimOptions::default();
+        let small = Evidence {
+            chi_square_before: 0.28,
+            runner_up: 0.8,
+            gate: Some(GateEvidence {
+                before: 0.26,
+                after: 0.245,
+            }),
+            ..evidence(-380.0, 0.25, true)
+        };
+        assert!(objections(&small, &options).is_empty());
+        let refused = |change: fn(&mut Evidence)| {
+            let mut other = small.clone();
+            change(&mut other);
+            !objections(&other, &options).is_empty()
+        };
+        assert!(refused(|e| e.delta_bic = -90.0));
+        assert!(refused(|e| e.chi_square_after = 0.275));
+        assert!(refused(|e| e.gate = None));
+        let gate = GateEvidence {
+            before: 0.26,
+            after: 0.255,
+        };
+        assert!(
+            objections(
+                &Evidence {
+                    gate: Some(gate),
+                    ..small.clone()
+                },
+                &options
+            )
+            .len()
+                == 2
+        );
+        // Another effect gains more, or it is what every motor does.
+        assert!(refused(|e| e.runner_up = 1.5));
+        assert!(refused(|e| e.runner_up = f64::INFINITY));
     }
 
     #[test]

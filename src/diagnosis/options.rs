@@ -57,6 +57,11 @@ pub struct ClaimOptions {
     /// ... and where it lowers the weighted squares of the fitted ones by this share nothing of them: they may not
     /// become worse.
     pub evident_fall: f64,
+    /// Where both are followed already, an effect that lowers the criterion by this much ...
+    pub confirmed_delta_bic: f64,
+    /// ... and the weighted squares of the held-out events by this share needs this share only of either: they confirm
+    /// what is small beside the noise that is assumed.
+    pub confirmed_fall_min: f64,
     /// Where the held-out events are followed already and the fitted ones are not, an effect may leave at
     /// most this share of what is above the floor.
     pub silent_left_share: f64,
@@ -100,6 +105,8 @@ impl Default for ClaimOptions {
             evident_delta_bic: 500.0,
             evident_held_out_fall_min: 0.01,
             evident_fall: 0.30,
+            confirmed_delta_bic: 100.0,
+            confirmed_fall_min: 0.03,
             silent_left_share: 0.2,
             rival_share: 0.05,
             rival_share_of_left: 0.03,
@@ -111,8 +118,8 @@ impl Default for ClaimOptions {
             left_share: 0.03,
             near_floors: 3.0,
             near_left_share: 0.2,
-            decisive_share: 0.12,
-            decisive_factor: 2.5,
+            decisive_share: 0.25,
+            decisive_factor: 3.0,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{
     addable::addable,
+    before_events::left_before_events,
     case::Case,
     claim::{answer_set, companions_or_rivals, decisive, reaches},
     departures::departures,
@@ -442,10 +443,14 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
         if !departures.is_empty() {
             return unknown_where(case, chi_square, departures);
         }
+        let before = left_before_events(case, &base.baseline.all);
+        let before = before.map_or_else(String::new, |left| {
+            format!("; before the disturbances {left:.2} are left")
+        });
         (
             Status::Adequate,
             format!(
-                "the misfit is {chi_square:.2} per sample, where the noise alone leaves about {:.1}",
+                "the misfit is {chi_square:.2} per sample, where the noise alone leaves at most about {:.1}{before}",
                 options.floor
             ),
         )
