@@ -143,6 +143,15 @@ fn print_staircase(done: &Improvement, out: &mut dyn Write) -> io::Result<()> {
             scale.bar(quoted(step))
         )?;
     }
+    print_reasons(done, out)
+}
+
+/// What each diagnosis on the way said: a step may be taken although the error on the gate rises.
+fn print_reasons(done: &Improvement, out: &mut dyn Write) -> io::Result<()> {
+    for diagnosis in &done.diagnoses {
+        let structure = diagnosis.structure.join(" + ");
+        writeln!(out, "  {structure}: {}", diagnosis.reasons.join("; "))?;
+    }
     Ok(())
 }
 
@@ -220,6 +229,11 @@ mod tests {
         assert!(bars[0].starts_with("start") && bars[1].starts_with("+ electronic_load_dropout"));
         assert_eq!(bars[0].find('|'), bars[1].find('|'), "{text}");
         assert!(bars[0].len() > bars[1].len(), "{text}");
+        let reasons = &diagnosis_fixture::improvement().diagnoses[0].reasons;
+        assert!(
+            text.contains(&format!(": {}", reasons.join("; "))),
+            "{text}"
+        );
     }
 
     #[test]
