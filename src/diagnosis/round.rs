@@ -8,6 +8,7 @@ use super::{
     departures::departures,
     equals::beside_companions,
     evidence::{Evidence, is_adequate, objections},
+    options::ClaimOptions,
     outcome::Status,
     trials::{Fitted, Goal, Trial, trials},
 };
@@ -244,7 +245,11 @@ fn declared(case: &Case<'_>, list: &[Trial]) -> Vec<usize> {
 
 /// [`companions_or_rivals`] of trials, as places in their list.
 fn of_companions(case: &Case<'_>, own: &[Trial]) -> Vec<usize> {
-    let options = &case.options.claim;
+    // What is small and resembles what every motor has is that.
+    let options = &ClaimOptions {
+        confirmed_delta_bic: f64::INFINITY,
+        ..case.options.claim
+    };
     let refitted = refitted(own);
     let is_companion = |place: usize| COMPANIONS.contains(&own[place].name());
     let list: Vec<(Evidence, bool)> = (refitted.iter())
