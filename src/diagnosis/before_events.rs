@@ -1,4 +1,4 @@
-//! What a fit leaves while nothing happens: the noise of this site, by which its misfit is to be read.
+//! What a fit leaves while nothing happens: beside it a misfit is to be read, not beside the assumed noise alone.
 
 use super::case::Case;
 use crate::identification::{
