@@ -110,31 +110,53 @@ pub(super) fn earlier(one: Order, other: Order) -> Ordering {
     one.0.cmp(&other.0).then(one.1.total_cmp(&other.1))
 }
 
-/// The answer set of trials of which some are companions (marked), each tried by itself, best criterion first: what a
-/// companion stands in for where that is better by as much as a claim needs, and otherwise the companion, which every
-/// motor has and which nothing that resembles it speaks against.
-pub(super) fn companions_or_rivals(
-    list: &[(Evidence, bool)],
-    options: &ClaimOptions,
-) -> Vec<usize> {
-    let may = |evidence: &Evidence| objections(evidence, options).is_empty();
+/// A companion, or what resembles one, tried by itself.
+pub(super) struct ByItself {
+    pub(super) evidence: Evidence,
+    pub(super) is_companion: bool,
+    /// What the criterion changes by it where the companions are in the model; zero for a companion.
+    pub(super) beside: f64,
+}
+
+impl ByItself {
+    /// Whether it may be declared. What is small and gains little beside the companion is what the companion does, and
+    /// not confirmed by held-out events, which show that as well.
+    fn may(&self, options: &ClaimOptions) -> bool {
+        let own = self.is_companion || self.beside <= -options.confirmed_delta_bic;
+        let confirmed_delta_bic = if own {
+            options.confirmed_delta_bic
+        } else {
+            f64::INFINITY
+        };
+        let options = ClaimOptions {
+            confirmed_delta_bic,
+            ..*options
+        };
+        objections(&self.evidence, &options).is_empty()
+    }
+}
+
+/// The answer set of companions and what resembles them, best criterion first: what a companion stands in for where that
+/// is better by as much as a claim needs, and otherwise the companion, which every motor has and which nothing that
+/// resembles it speaks against.
+pub(super) fn companions_or_rivals(list: &[ByItself], options: &ClaimOptions) -> Vec<usize> {
     let judged: Vec<(Evidence, bool)> = (list.iter())
-        .map(|(evidence, _)| (evidence.clone(), may(evidence)))
+        .map(|trial| (trial.evidence.clone(), trial.may(options)))
         .collect();
     let chosen = answer_set(&judged, options);
-    let companions = list.iter().filter(|(_, is_companion)| *is_companion);
-    let gained = companions.map(|(evidence, _)| evidence.delta_bic);
+    let companions = list.iter().filter(|trial| trial.is_companion);
+    let gained = companions.map(|trial| trial.evidence.delta_bic);
     let needed = gained.fold(0.0, f64::min) - options.delta_bic_min;
-    let clearly = |best: &usize| list[*best].0.delta_bic <= needed;
-    if chosen.first().is_some_and(clearly) && !chosen.iter().any(|&i| list[i].1) {
+    let clearly = |best: &usize| list[*best].evidence.delta_bic <= needed;
+    if chosen.first().is_some_and(clearly) && !chosen.iter().any(|&i| list[i].is_companion) {
         return chosen;
     }
-    let unrivalled = |(evidence, is_companion): &(Evidence, bool)| {
+    let unrivalled = |trial: &ByItself| {
         let alone = Evidence {
             runner_up: 0.0,
-            ..evidence.clone()
+            ..trial.evidence.clone()
         };
-        *is_companion && may(&alone)
+        trial.is_companion && objections(&alone, options).is_empty()
     };
     list.iter().position(unrivalled).into_iter().collect()
 }
@@ -253,8 +275,13 @@ mod tests {
     #[test]
     fn a_companion_gives_way_to_what_is_clearly_better_by_itself() {
         let options = ClaimOptions::default();
-        let companion = |gain: f64| (evidence(gain, 2.1, true), true);
-        let rival = |gain: f64| (evidence(gain, 2.0, true), false);
+        let trial = |evidence, is_companion, beside| ByItself {
+            evidence,
+            is_companion,
+            beside,
+        };
+        let companion = |gain: f64| trial(evidence(gain, 2.1, true), true, 0.0);
+        let rival = |gain: f64| trial(evidence(gain, 2.0, true), false, -40.0);
         let clear = [rival(-1300.0), companion(-1180.0)];
         assert_eq!(companions_or_rivals(&clear, &options), [0]);
         // Better by less than a claim needs, or not at all.
@@ -264,10 +291,39 @@ mod tests {
         assert_eq!(companions_or_rivals(&worse, &options), [0]);
         // What may not be declared takes no one's place.
         let mut stretched = rival(-1300.0);
-        stretched.0.amplitude_over_meaningful = 0.5;
+        stretched.evidence.amplitude_over_meaningful = 0.5;
         let refused = [stretched, companion(-1180.0)];
         assert_eq!(companions_or_rivals(&refused, &options), [1]);
         let nothing = [rival(-20.0), companion(-10.0)];
         assert!(companions_or_rivals(&nothing, &options).is_empty());
+    }
+
+    #[test]
+    fn held_out_events_confirm_in_the_place_of_a_companion_what_gains_beside_it_too() {
+        let options = ClaimOptions::default();
+        let small = |delta_bic: f64, fall: f64| Evidence {
+            chi_square_before: 0.50,
+            runner_up: 0.8,
+            gate: Some(GateEvidence {
+                before: 0.90,
+                after: 0.90 * (1.0 - fall),
+            }),
+            ..evidence(delta_bic, 0.46, true)
+        };
+        let answer = |beside: f64| {
+            let trial = |evidence, is_companion, beside| ByItself {
+                evidence,
+                is_companion,
+                beside,
+            };
+            let list = [
+                trial(small(-360.0, 0.04), false, beside),
+                trial(small(-220.0, 0.05), true, 0.0),
+            ];
+            companions_or_rivals(&list, &options)
+        };
+        assert_eq!(answer(-124.0), [0]);
+        assert_eq!(answer(-34.0), [1]);
+        assert_eq!(answer(0.0), [1]);
     }
 }

@@ -4,11 +4,10 @@ use super::{
     addable::addable,
     before_events::left_before_events,
     case::Case,
-    claim::{answer_set, companions_or_rivals, decisive, reaches},
+    claim::{ByItself, answer_set, companions_or_rivals, decisive, reaches},
     departures::departures,
     equals::beside_companions,
     evidence::{Evidence, is_adequate, objections},
-    options::ClaimOptions,
     outcome::Status,
     trials::{Fitted, Goal, Trial, trials},
 };
@@ -123,7 +122,7 @@ fn by_themselves(
     let mut names = absent_companions(&asked);
     names.extend(rivals(case, &list, &names));
     let (asked, own) = trials(case, asked, &names, Goal::Claim)?;
-    let named = of_companions(case, &own);
+    let named = of_companions(case, &list, &own);
     let answer = taken_over(&mut list, own, &named);
     // What only stands in for a companion must explain what is left as any other claim.
     let explains = |place: usize| {
@@ -243,19 +242,20 @@ fn declared(case: &Case<'_>, list: &[Trial]) -> Vec<usize> {
     chosen.into_iter().map(|i| refitted[i].0).collect()
 }
 
-/// [`companions_or_rivals`] of trials, as places in their list.
-fn of_companions(case: &Case<'_>, own: &[Trial]) -> Vec<usize> {
-    // What is small and resembles what every motor has is that.
-    let options = &ClaimOptions {
-        confirmed_delta_bic: f64::INFINITY,
-        ..case.options.claim
-    };
+/// [`companions_or_rivals`] of trials by themselves, as places in their list; `beside` are those beside the companions.
+fn of_companions(case: &Case<'_>, beside: &[Trial], own: &[Trial]) -> Vec<usize> {
     let refitted = refitted(own);
-    let is_companion = |place: usize| COMPANIONS.contains(&own[place].name());
-    let list: Vec<(Evidence, bool)> = (refitted.iter())
-        .map(|(place, evidence)| (evidence.clone(), is_companion(*place)))
-        .collect();
-    let chosen = companions_or_rivals(&list, options);
+    let by_itself = |(place, evidence): &(usize, Evidence)| {
+        let name = own[*place].name();
+        let with_companions = beside.iter().find(|trial| trial.name() == name);
+        ByItself {
+            evidence: evidence.clone(),
+            is_companion: COMPANIONS.contains(&name),
+            beside: with_companions.map_or(0.0, Trial::delta_bic),
+        }
+    };
+    let list: Vec<ByItself> = refitted.iter().map(by_itself).collect();
+    let chosen = companions_or_rivals(&list, &case.options.claim);
     chosen.into_iter().map(|i| refitted[i].0).collect()
 }
 
