@@ -6,20 +6,13 @@ writes a site folder and, beside it, `SITE_DIR.truth.json` with what is hidden i
 operating points, instants and depths follow from KIND and SEED. Events during which the simulator fails are left out.
 """
 
-import json
 import os
 import sys
 import tempfile
 
 import numpy as np
 import stepss
-
-NOMINAL_HZ = 60.0
-NETWORK_BASE_MVA = 100.0
-SITE_BASE_MVA = 200.0
-# What is measured starts and ends this long after and before the simulation, s.
-MARGIN_S = 0.05
-GRID_S = 5e-4
+from measurement import GRID_S, NETWORK_BASE_MVA, NOMINAL_HZ, even_grid, measure, write_event, write_site
 
 # What the parts of a pair hide.
 PARTS = {
@@ -30,6 +23,7 @@ PARTS = {
     "dropout": "electronic_load_dropout",
     "motor_trip": "motor_undervoltage_trip",
     "feeder": "feeder_impedance",
+    "generation_trip": "distributed_generation",
 }
 
 KINDS = {
@@ -41,6 +35,8 @@ KINDS = {
     "recovery": ["exponential_recovery"],
     "motor_trip": ["motor_undervoltage_trip"],
     "dropout": ["electronic_load_dropout"],
+    "generation_trip": ["distributed_generation"],
+    "generation": ["distributed_generation"],
     "feeder": ["feeder_impedance"],
     "feeder+second_motor": ["feeder_impedance", "second_motor"],
     "tap": ["tap_changer", "feeder_impedance"],
@@ -60,6 +56,9 @@ KINDS = {
             ("feeder", "recovery"),
             ("feeder", "frequency"),
             ("feeder", "dropout"),
+            ("generation_trip", "recovery"),
+            ("generation_trip", "second_motor"),
+            ("generation_trip", "frequency"),
         ]
     },
 }
@@ -131,6 +130,30 @@ def static_record(name, bus, shares, z, by_frequency=(0.0, 0.0), local=False):
     )
 
 
+def generation(rng):
+    """Inverters in the measured load: what they feed over its mean P, and their largest current over that at nominal voltage."""
+    return {"share": rng.uniform(0.15, 0.35), "current_limit": rng.uniform(1.03, 1.3)}
+
+
+def opening(rng):
+    """When the inverters are disconnected: a delay after the voltage first falls below a threshold."""
+    return {"delay_s": rng.uniform(0.06, 0.12), "voltage": rng.uniform(0.75, 0.87)}
+
+
+def generation_record(name, bus, fed_mw, current_limit):
+    """Constant active power at unity power factor within a current limit.
+
+    `IBG` measures the voltage through a lag of 10 ms, follows its commands through 20 ms, up by ten times the largest current per
+    second, and has a PLL of 50 ms. No reaction to frequency, no reactive support, no protection above 0.05 pu. Parameters:
+    <https://stepss.sps-lab.org>, injector models.
+    """
+    most = current_limit * fed_mw / NETWORK_BASE_MVA
+    return (
+        f"INJEC IBG {name} {bus} 1. 1. 0. 0. {most:.6f} {most:.6f} 10. 0.02 0.01 100. 100. 100. 2. 50. 0.04 0.05 0.03 0.04 "
+        "30. 90. 90. 0. 30. 100. 0. 0. 0. 0. 0. 0. 0. 0.5 1.5 0. 1. 0. 0.03 ;"
+    )
+
+
 def site(kind, rng):
     """The load of a site: its records, where it is connected, and what is true of it."""
     kpm, m, z = rng.uniform(0.3, 0.6), motor(rng), zip_shares(rng)
@@ -143,7 +166,7 @@ def site(kind, rng):
         behind["ltc"] = f"DCTL LTC D-L D-L D -1 85. 115. {steps} 0.01 {first:.2f} {next_:.2f} ;"
     if behind:
         bus = "D"
-    more, switched = {}, None
+    more, switched, fed = {}, None, None
     records = None
     if kind.endswith("second_motor"):
         second = motor(rng)
@@ -203,10 +226,14 @@ def site(kind, rng):
                 static_record("L1", bus, (1 - kpm, 1 - kpm), z),
             ]
         more = {"share": share, **switched}
+    elif kind in ("generation", "generation_trip"):
+        fed = generation(rng)
+        switched = opening(rng) if kind == "generation_trip" else None
+        more = {"generation": fed, **(switched or {})}
     if records is None:
         records = [motor_record("M1", bus, kpm, m), static_record("L1", bus, (1 - kpm, 1 - kpm), z)]
     truth = {"kpm": kpm, "motor": m, "zip": z, **more}
-    return {"records": records, "behind": behind, "switched": switched, "truth": truth}
+    return {"records": records, "behind": behind, "switched": switched, "generation": fed, "truth": truth}
 
 
 def pair(kind, rng):
@@ -214,7 +241,7 @@ def pair(kind, rng):
     parts = kind.split("+")
     kpm, m, z = rng.uniform(0.35, 0.5), motor(rng), zip_shares(rng)
     static_p, static_q, by_frequency = 1 - kpm, 1 - kpm, (0.0, 0.0)
-    behind, bus, switched, more = None, "L", None, {}
+    behind, bus, switched, fed, more = None, "L", None, None, {}
     records, motors = [], {"M1": (kpm, m)}
     if "feeder" in parts:
         behind, bus = {"kv": 23.0, "r_ohm": rng.uniform(0.05, 0.12), "x_ohm": rng.uniform(0.2, 0.35)}, "D"
@@ -245,14 +272,17 @@ def pair(kind, rng):
             motors = {name: (own * (1 - share / kpm), machine) for name, (own, machine) in motors.items()}
             motors["X1"] = share, m
         more |= {"share": share, **switched}
+    if "generation_trip" in parts:
+        fed, switched = generation(rng), opening(rng)
+        more |= {"generation": fed, **switched}
     records += [motor_record(name, bus, own, machine) for name, (own, machine) in motors.items()]
     records.append(static_record("L1", bus, (static_p, static_q), z, by_frequency, local="frequency" in parts))
     truth = {"kpm": kpm, "motor": m, "zip": z, **more}
-    return {"records": records, "behind": behind, "switched": switched, "truth": truth}
+    return {"records": records, "behind": behind, "switched": switched, "generation": fed, "truth": truth}
 
 
-def network(p_mw, q_mvar, behind):
-    """Records of buses, lines, transformers and, for the load flow, generators."""
+def network(p_mw, q_mvar, behind, fed_mw):
+    """Records of buses, lines, transformers and, for the load flow, generators; P is less what inverters feed at bus I."""
     records = [
         "BUS B1 225. 0 0 0 0 ;",
         "BUS B2 225. 250. 60. 0 0 ;",
@@ -261,7 +291,7 @@ def network(p_mw, q_mvar, behind):
         "BUS B5 225. 150. 30. 0 0 ;",
         *(f"BUS {name} 15. 0 0 0 0 ;" for name, *_ in MACHINES),
     ]
-    load = f"{p_mw:.5f} {q_mvar:.5f} 0 0 ;"
+    load = f"{p_mw + fed_mw:.5f} {q_mvar:.5f} 0 0 ;"
     if behind:
         records += ["BUS L 23. 0 0 0 0 ;", f"BUS D {behind['kv']} {load}"]
     else:
@@ -286,6 +316,8 @@ def network(p_mw, q_mvar, behind):
         records.append(f"TRANSFO D-L D L 0.5 {behind['x_percent']} 0. 0. 100.0 0. 250. 1 ;")
     elif behind:
         records.append(f"LINE feeder L D {behind['r_ohm']} {behind['x_ohm']} 0. 2000. 1 ;")
+    if fed_mw:
+        records += [f"BUS I 23. {-fed_mw:.5f} 0 0 0 ;", "LINE inverters L I 0. 0.002 0. 2000. 1 ;"]
     return records + [
         "GENER G1 G1 0. 0. 1.02 900. -9999 9999 1 ;",
         "GENER G2 G2 300. 0. 1.01 500. -9999 9999 1 ;",
@@ -349,7 +381,7 @@ def load_flow(records):
     return dict(zip(at, mismatch(unknowns)[1]))
 
 
-def dynamics(load):
+def dynamics(load, fed_mw):
     """Records of machines, loads and shunts."""
     records = []
     for name, mva, mw, inertia_s in MACHINES:
@@ -363,6 +395,8 @@ def dynamics(load):
         )
     records += [f"INJEC LOAD R{b} {b} 1. 1. 0. 0. 0. 1. 2. 0. 1. 1. 0. 1. 2. 0. 1. 1. ;" for b in ("B2", "B3", "B5")]
     records += load["records"]
+    if fed_mw:
+        records.append(generation_record("X1", "I", fed_mw, load["generation"]["current_limit"]))
     if load["behind"] and "ltc" in load["behind"]:
         records.append(load["behind"]["ltc"])
     return records + ["SHUNT SH3 B3 60. 1 ;", "SHUNT SH4 B4 0.001 1 ;", "FNOM 60 ;"]
@@ -412,15 +446,15 @@ def disturbances(event):
     return "\n".join(["0.000 CONTINUE SOLVER BD 0.005 0.0005 0. ABL", *lines, f"{event['end']:.3f} STOP", ""])
 
 
-def simulate(load, event, p_mw, q_mvar):
+def simulate(load, event, p_mw, q_mvar, fed_mw):
     """Time, complex voltage at the measured bus L in the nominal frame, and complex power into the load, pu of 100 MVA."""
-    records = network(p_mw, q_mvar, load["behind"])
+    records = network(p_mw, q_mvar, load["behind"], fed_mw)
     solved = load_flow(records)
     flow = [r for r in records if not r.startswith(("GENER", "SLACK"))]
     flow += [f"LFRESV {bus} {abs(u):.10f} {np.angle(u):.10f} ;" for bus, u in solved.items()]
     with tempfile.TemporaryDirectory() as folder:
         case = stepss.cfg()
-        inputs = {"flow": "\n".join(flow) + "\n", "dynamics": "\n".join(dynamics(load)) + "\n", "settings": SETTINGS}
+        inputs = {"flow": "\n".join(flow) + "\n", "dynamics": "\n".join(dynamics(load, fed_mw)) + "\n", "settings": SETTINGS}
         for name, text in inputs.items():
             with open(f"{folder}/{name}.dat", "w", encoding="ascii") as file:
                 file.write(text)
@@ -460,39 +494,15 @@ def centre_of_inertia(course, event, time_s):
     return (speeds * weights).sum(0) / weights.sum(0)
 
 
-def measure(course, frames_per_s, noise, rng):
-    """Rows of a recording: a triangle over two cycles acts on voltage and current (P class), then noise is added."""
+def phasors(course):
+    """Complex voltage and current on the even grid, in the frame that turns at the nominal frequency."""
     time_s, modulus, angle, speed, power = course
-    grid = np.arange(0, time_s[-1], GRID_S)
+    grid = even_grid(time_s)
     speed = np.interp(grid, time_s, speed)
     turned = 2 * np.pi * NOMINAL_HZ * GRID_S * np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 - 1)])
     voltage = np.interp(grid, time_s, modulus) * np.exp(1j * (np.interp(grid, time_s, angle) + turned))
     current = np.conj((np.interp(grid, time_s, power.real) + 1j * np.interp(grid, time_s, power.imag)) / voltage)
-    half = round(1 / NOMINAL_HZ / GRID_S)
-    window = 1 - np.abs(np.arange(-half, half + 1)) / half
-    window /= window.sum()
-    voltage, current = (np.convolve(x, window, "same") for x in (voltage, current))
-    stamps = np.arange(int((time_s[-1] - 2 * MARGIN_S) * frames_per_s)) / frames_per_s + MARGIN_S
-    stamps = stamps[stamps < grid[-1] - MARGIN_S]
-    u, i = (np.interp(stamps, grid, x.real) + 1j * np.interp(stamps, grid, x.imag) for x in (voltage, current))
-    turning = np.gradient(np.unwrap(np.angle(voltage)), GRID_S) / (2 * np.pi)
-    count = len(stamps)
-    seen = u * (1 + noise * rng.standard_normal(count) + 1j * noise * rng.standard_normal(count))
-    drawn = u * np.conj(i)
-    active = drawn.real + noise * drawn.real[0] * rng.standard_normal(count)
-    reactive = drawn.imag + noise * 0.6 * abs(drawn[0]) * rng.standard_normal(count)
-    frequency_hz = NOMINAL_HZ + np.interp(stamps, grid, turning) + 0.0015 * rng.standard_normal(count)
-    to_site = NETWORK_BASE_MVA / SITE_BASE_MVA
-    return np.column_stack(
-        [
-            stamps - stamps[0],
-            np.abs(seen),
-            np.degrees(np.unwrap(np.angle(seen))),
-            frequency_hz,
-            to_site * active,
-            to_site * reactive,
-        ]
-    )
+    return voltage, current, time_s[-1]
 
 
 def draw_event(kind, bus, cycles, rng):
@@ -514,11 +524,14 @@ def main():
     load = pair(kind, rng) if both else site(kind, rng)
     os.makedirs(folder, exist_ok=True)
     p_mw, q_mvar = rng.uniform(150, 195), rng.uniform(40, 62)
+    fed_mw = load["generation"]["share"] * p_mw if load["generation"] else 0.0
+    if fed_mw:
+        load["truth"]["fed_mw"] = fed_mw
     written = []
     for number in rng.permutation(len(EVENTS)):
         event = draw_event(*EVENTS[number], rng)
         of_day = rng.uniform(0.88, 1.12)
-        at = p_mw * of_day, q_mvar * of_day * rng.uniform(0.91, 1.09)
+        at = p_mw * of_day, q_mvar * of_day * rng.uniform(0.91, 1.09), fed_mw
         try:
             course = simulate(load, event, *at)
             if load["switched"] and "xf" in event:
@@ -529,20 +542,10 @@ def main():
         except stepss.globals.RAMSESError as error:
             print(f"{folder}: no {event['kind']}: {error}", file=sys.stderr)
             continue
-        name = f"event_{len(written) + 1:02d}.csv"
-        with open(f"{folder}/{name}", "w", encoding="ascii") as file:
-            file.write("time_s,v_pu,angle_deg,freq_hz,p_pu,q_pu,stat\n")
-            for row in measure(course, frames_per_s, noise, rng):
-                file.write("%.6f,%.6f,%.4f,%.5f,%.6f,%.6f,0\n" % tuple(row))
+        name = write_event(folder, len(written) + 1, measure(*phasors(course), frames_per_s, noise, rng))
         written.append({"file": name, **event, "v_min": float(course[1].min())})
-    stamps = [{"file": e["file"], "utc": f"2026-01-{k + 1:02d}T03:07:00Z"} for k, e in enumerate(written)]
-    described = {"site": os.path.basename(folder), "sample_rate_fps": frames_per_s, "nominal_hz": NOMINAL_HZ}
-    described |= {"base_mva": SITE_BASE_MVA, "base_kv": 23.0, "events": stamps}
     truth = {"effects": KINDS[kind], "parameters": load["truth"], "noise": noise, "events": written}
-    for path, content in ((f"{folder}/site.json", described), (f"{folder}.truth.json", truth)):
-        with open(path, "w", encoding="ascii") as file:
-            json.dump(content, file, indent=1, default=float)
-    print(f"{folder}: {len(written)} events")
+    write_site(folder, frames_per_s, 23.0, truth)
 
 
 if __name__ == "__main__":
