@@ -181,7 +181,7 @@ impl<'a> Stairs<'a> {
                 }
                 Err(Refused { reason, worse }) => {
                     if let Some(higher) = worse
-                        && self.beyond(*higher, &found)?
+                        && self.beyond(*higher, &found, second.as_ref())?
                     {
                         continue;
                     }
@@ -197,16 +197,32 @@ impl<'a> Stairs<'a> {
     }
 
     /// A step that alone follows events that are not fitted worse may be the first of two: it is taken where a second one
-    /// leads to errors no worse than those without either. Whether it was.
-    fn beyond(&mut self, first: Higher, found: &Diagnosis) -> Result<bool, IdentificationError> {
+    /// leads to errors no worse than those without either: the one that was found with it, or what is found beside it.
+    /// Whether it was.
+    fn beyond(
+        &mut self,
+        first: Higher,
+        found: &Diagnosis,
+        known: Option<&Second>,
+    ) -> Result<bool, IdentificationError> {
         let before = (self.at.clone(), self.steps.clone());
+        let no_worse = |both: &Higher| {
+            let start = before.1.last();
+            start.is_none_or(|start| !is_worse(&start.errors, &both.step.errors))
+        };
         self.at = first.next;
         self.steps.push(first.step);
+        if let Some(Second { name, fit }) = known
+            && self.at.structure.with(name).is_ok()
+            && let Ok(both) = self.higher(name, Some(fit), &found.summary)?
+            && no_worse(&both)
+        {
+            self.diagnoses.push(found.clone());
+            self.take(name, both)?;
+            return Ok(true);
+        }
         if let Some((second, both)) = self.second_step()?
-            && before
-                .1
-                .last()
-                .is_none_or(|start| !is_worse(&start.errors, &both.step.errors))
+            && no_worse(&both)
             && let Some(effect) = claimed(&second)
         {
             self.diagnoses.extend([found.clone(), second]);

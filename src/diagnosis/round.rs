@@ -9,6 +9,7 @@ use super::{
     equals::beside_companions,
     evidence::{Evidence, is_adequate, objections},
     outcome::Status,
+    part_of::{Whole, whole},
     trials::{Fitted, Goal, Trial, trials},
 };
 use crate::{
@@ -289,6 +290,9 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
     if case.judged.len() < 2 {
         return Ok(nothing_declared(case, base));
     }
+    if let Some(Whole { part, second }) = whole(case, base, list)? {
+        return Ok(with_what_it_is_part_of(list, part, second));
+    }
     let refitted = refitted(list);
     let judged: Vec<(Evidence, bool)> = (refitted.iter())
         .map(|(_, evidence)| (evidence.clone(), objections(evidence, options).is_empty()))
@@ -356,6 +360,24 @@ fn found(name: &str, evidence: &Evidence) -> String {
         "with {name} the misfit of the fitted events falls from {:.2} to {:.2} per sample{in_turn}",
         evidence.chi_square_before, evidence.chi_square_after
     )
+}
+
+/// An effect, and beside it what it is part of.
+fn with_what_it_is_part_of(list: &[Trial], part: usize, second: Second) -> Decision {
+    let evidence = list[part].evidence.as_ref();
+    let name = list[part].name();
+    let mut reasons: Vec<String> = evidence.map(|e| found(name, e)).into_iter().collect();
+    reasons.push(format!(
+        "with {} as well, which {name} is part of, it is {:.2}",
+        second.name,
+        second.fit.chi_square_per_row()
+    ));
+    Decision {
+        status: status_of(&list[part]),
+        answer: vec![part],
+        reasons,
+        second: Some(second),
+    }
 }
 
 /// The first of a pair, with whom these events do not tell it from.

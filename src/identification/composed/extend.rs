@@ -530,7 +530,7 @@ impl Step<'_> {
     }
 
     /// Goes over to what the effect is mistaken for as long as that is better.
-    fn taken_for_another(&self, fit: ComposedFit) -> ComposedFit {
+    pub(super) fn taken_for_another(&self, fit: ComposedFit) -> ComposedFit {
         let own = self.own(|_| true);
         let mut best = fit;
         loop {

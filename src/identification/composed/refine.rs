@@ -90,7 +90,29 @@ pub(super) fn refine_rows(
         options,
         cancel,
     };
+    if !effect.screened_at().is_empty() {
+        best = of_another_size(&step, best);
+    }
     settled(&step, best)
+}
+
+/// The fit, or one begun at what the effect is mistaken for: which of several sizes is right shows once all else is
+/// fitted.
+fn of_another_size(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
+    let coarse = step.options.coarse();
+    let roughly = Step {
+        options: &coarse,
+        ..*step
+    };
+    let other = roughly.taken_for_another(fit.clone());
+    if other.parameters == fit.parameters {
+        return fit;
+    }
+    let (from, free) = (&other.parameters, &other.free);
+    let found = fit_rows(step.rows, step.model, from, free, step.options, step.cancel);
+    let lower =
+        |found: &ComposedFit| found.minus_twice_log_posterior() < fit.minus_twice_log_posterior();
+    found.filter(lower).unwrap_or(fit)
 }
 
 /// A fit begun where a walk of the relays' settings leads from `fit`; none where that is no lower.

@@ -96,14 +96,25 @@ impl Declared for TapChanger {
     }
 
     fn mistaken_for(&self, values: &[f64]) -> Vec<Vec<f64>> {
-        // Half as large steps twice as often make nearly the same stair, and the other way round.
-        let times = |factor: f64| {
+        // Half as large steps twice as often make nearly the same stair, and the other way round. Where the first step of
+        // both is at the same instant, three large ones end where five of half the interval do, ...
+        let times = |step: f64, interval: f64, later_s: f64| {
             let mut other = values.to_vec();
-            other[0] *= factor;
-            other[3] *= factor;
+            other[0] *= step;
+            other[2] += later_s;
+            other[3] *= interval;
             other
         };
-        [0.5, 2.0, 3.0].map(times).to_vec()
+        let in_three = |interval: f64| (2.0 * interval + 1.0) / 3.0;
+        let mut others = [2.0, 3.0].map(|n| times(in_three(n), n, 0.0)).to_vec();
+        others.push(times(1.0 / in_three(2.0), 0.5, 0.0));
+        // ... where what lies between the steps is smoothed out, the line through their middles stays.
+        others.extend([2.0, 3.0, 5.0].map(|n| {
+            let mut other = times(n, n, 0.5 * (n - 1.0) * values[3]);
+            other[4] = other[4].min(SCREENED_MOTION_S);
+            other
+        }));
+        others
     }
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
