@@ -85,3 +85,17 @@ fn named(case: &Case<'_>, tried: &[Trial], name: &str) -> Option<ComposedFit> {
     let is_it = refitted[first].name() == name && explains(&judged[first].0);
     refitted[first].fit.clone().filter(|_| is_it)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::PART_OF;
+    use crate::load_model::Structure;
+
+    #[test]
+    fn parts_and_what_they_are_part_of_compose() {
+        for (name, other) in PART_OF {
+            let both = Structure::zip_im().with(other).and_then(|s| s.with(name));
+            assert!(both.is_ok(), "{name} with {other}");
+        }
+    }
+}

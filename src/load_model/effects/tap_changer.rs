@@ -188,7 +188,10 @@ impl<S: Elementary> Equations<S> for TapChanger {
 
 #[cfg(test)]
 mod tests {
-    use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
+    use super::{DECLARATION, TapChanger};
+    use crate::load_model::{
+        ComposedModel, Drive, Structure, composed::contract::lasting, effect::Declared,
+    };
 
     /// P and Q at 60 samples per second of a constant impedance without motor that draws `1 + j q0` at the
     /// measured bus, behind a reactance and taps, under a voltage with these jumps.
@@ -270,5 +273,34 @@ mod tests {
             assert!((active[k] - over * r).abs() < 1e-9, "{k}");
             assert!((reactive[k] - over * total).abs() < 1e-9, "{k}");
         }
+    }
+
+    #[test]
+    fn other_stairs_end_where_this_one_does_or_keep_its_line() {
+        let values = [0.006, 0.01, 4.0, 1.0, 0.12];
+        let others = TapChanger.mistaken_for(&values);
+        assert!(
+            others
+                .iter()
+                .all(|other| other.len() == DECLARATION.parameters.len())
+        );
+        // Five steps from 4 to 8 s; three of twice the interval, nine of half of it; three and seven of the others.
+        let (first_s, step) = (values[2], values[0]);
+        let (risen, lasted_s) = (5.0 * step, 4.0);
+        let mut same_end = 0;
+        for other in &others {
+            let count = 1.0 + lasted_s / other[3];
+            if (other[2] - first_s).abs() < 1e-12 && count.fract() < 1e-9 {
+                same_end += usize::from((count * other[0] - risen).abs() < 0.1 * risen);
+            }
+        }
+        assert_eq!(same_end, 2, "twice and half the interval");
+        // The line through the middles of the steps: at t it has risen by step * ((t - first) / interval + 1 / 2).
+        let line = |p: &[f64]| p[0] * ((10.0 - p[2]) / p[3] + 0.5);
+        let same_line = others.iter().filter(|other| {
+            (line(other) - line(&values)).abs() < 1e-12
+                && (other[0] / other[3] - 0.006).abs() < 1e-12
+        });
+        assert_eq!(same_line.count(), 3);
     }
 }
