@@ -32,7 +32,8 @@ pub(super) struct Evidence {
     pub(super) gate: Option<GateEvidence>,
     /// Against every event that others surround, foretold in turn; none where the gate alone was asked.
     pub(super) in_turn: Option<GateEvidence>,
-    /// What the criterion gains by the best other effect, over what it gains by this one.
+    /// What the criterion gains by the best other effect, over what it gains by this one; where this one leaves next to
+    /// nothing of what that one leaves, the share of it.
     pub(super) runner_up: f64,
 }
 

@@ -245,20 +245,37 @@ fn wanted_beside_all(case: &Case<'_>, base: &Fitted, goal: Goal, list: &[Trial])
 /// is ahead of them.
 const COMMON: [&str; 1] = ["frequency_scaled_power"];
 
+/// Where an effect leaves less than this share of what the best other one leaves, that says how near the other comes, and
+/// not what the two gain: of a large misfit a wrong effect takes most as well.
+const NOWHERE_NEAR: f64 = 0.1;
+
 /// How near the best other effect comes to each.
 fn rank(list: &mut [Trial]) {
     let gains: Vec<f64> = (list.iter())
         .map(|trial| (-trial.delta_bic()).max(0.0))
         .collect();
+    let left: Vec<f64> = (list.iter())
+        .map(|trial| {
+            let evidence = trial.evidence.as_ref();
+            evidence.map_or(f64::INFINITY, |e| e.chi_square_after)
+        })
+        .collect();
     for (place, trial) in list.iter_mut().enumerate() {
-        let others = gains.iter().enumerate().filter(|(k, _)| *k != place);
-        let best = others.map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let others = || (0..gains.len()).filter(|k| *k != place);
+        let best = others().map(|k| gains[k]).fold(0.0, f64::max);
+        let least = others().map(|k| left[k]).fold(f64::INFINITY, f64::min);
+        let near = left[place] / least;
+        let near = if near < NOWHERE_NEAR {
+            near
+        } else {
+            f64::INFINITY
+        };
         let common = COMMON.contains(&trial.name());
         if let Some(evidence) = &mut trial.evidence {
             evidence.runner_up = if common {
                 f64::INFINITY
             } else {
-                best / gains[place].max(f64::MIN_POSITIVE)
+                near.min(best / gains[place].max(f64::MIN_POSITIVE))
             };
         }
     }

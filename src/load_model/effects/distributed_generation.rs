@@ -20,8 +20,9 @@
 //! dP = G P0^-e (o (1 - (1 - g) v i_o) + (1 - o) (1 - v i_c)),   dQ = -t dP             (6)
 //! ```
 //!
-//! `t_back` is the time when the voltage was back, `ramp(y)` runs straight from 0 to 1, `w_deepest` the largest
-//! `w_now` since everything was on. `open` picks up when the voltage has been low for `T_mc`; then the contacts
+//! `ramp(y)` runs straight from 0 to 1, `w_deepest` is the largest `w_now` since everything was on. `t_back` is the time
+//! when the voltage was back, for each inverter at its own voltage within the span: 0.01 pu above the lowest one since everything
+//! was on, at most at `V_mc`. Where delay and ramp are short the current follows the voltage down and up. `open` picks up when the voltage has been low for `T_mc`; then the contacts
 //! part after `T_o`, all of them within `T_s`, also when the voltage is back by then. Inverters of this
 //! kind run at a power factor near 1; `t` is what they and their transformers take of reactive power, per
 //! active power fed. Generation does not follow the load: between events it may be a share of P0
@@ -54,6 +55,9 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DistributedGeneration;
 
+/// Inverters return when the voltage is this much above the lowest one, pu: at the lowest one itself they do not.
+const ABOVE_LOWEST_PU: f64 = 0.01;
+
 const fn state(name: &'static str, unit: &'static str) -> State {
     State { name, unit }
 }
@@ -62,7 +66,7 @@ const DECLARATION: Declaration = Declaration {
     name: "distributed_generation",
     title: "Generation behind the load that stops in a dip",
     kind: Kind::Physics,
-    version: 3,
+    version: 4,
     parameters: &[
         Parameter::one_sided(["share", "G", "1"], [0.2, 1.0, 0.02]),
         Parameter::shape(["voltage", "V_mc", "pu"], [0.4, 0.75, 0.94], 0.12)
@@ -148,6 +152,11 @@ fn cut<S: Elementary>(voltage: S, p: &[S]) -> S {
     at_least(at_most((voltage - p[1]) / p[2] + 1.0, 1.0), 0.0)
 }
 
+/// The voltage above which inverters return that have ceased at a cut of `deepest`: clearly above the lowest one.
+fn back_above<S: Elementary>(deepest: S, p: &[S]) -> S {
+    smaller(p[1] - p[2] * deepest + ABOVE_LOWEST_PU, p[1])
+}
+
 /// The current at a voltage for constant power within the limit.
 fn wanted<S: Elementary>(voltage: S, p: &[S]) -> S {
     const VOLTAGE_MIN: f64 = 0.05;
@@ -198,12 +207,14 @@ impl<S: Elementary> Equations<S> for DistributedGeneration {
         let after = relay::switched(*timer, p[3]) * depth[2]; // (4)
         *deepest = larger(*deepest, after);
         if deepest.value() > 0.0 {
-            // A voltage well below the threshold starts the return anew.
+            let back = back_above(*deepest, p);
+            let away = step.voltage.map(|v| relay::below(v, back));
+            // A voltage well below starts the return anew.
             const WELL_BELOW: f64 = 0.99;
-            if low[2].value() > WELL_BELOW {
+            if away[2].value() > WELL_BELOW {
                 *since = S::constant(0.0);
             } else {
-                *since = *since + (-relay::mean(low) + 1.0) * duration_s;
+                *since = *since + (-relay::mean(away) + 1.0) * duration_s;
             }
             if ramp(*since, p).value() >= 1.0 && low[2].value() <= 0.0 {
                 *deepest = S::constant(0.0);
@@ -245,6 +256,42 @@ mod tests {
         assert!((wanted(0.65, &p) - 1.1).abs() < 1e-12);
         // 0.1 s + 1 s of a ramp of 2 s.
         assert!((ramp(1.1, &p) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_delay_the_current_follows_the_voltage_up_as_well() {
+        use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
+        // Down to 0.6, half a second at 0.7, then back; V_mc = 0.8, s = 0.2.
+        let voltage = |t: f64| match t {
+            t if (0.5..0.7).contains(&t) => 0.62,
+            t if (0.7..1.2).contains(&t) => 0.7,
+            _ => 1.0,
+        };
+        let input = lasting(2.0, |t| [voltage(t), 0.0], &[0.5, 0.7, 1.2]);
+        let structure = Structure::zip_im().with("distributed_generation").unwrap();
+        let model = ComposedModel::new(&structure);
+        let lost_at = |return_s: [f64; 2]| {
+            let mut p = model.typical();
+            let [delay_s, ramp_s] = return_s;
+            p[8..21].copy_from_slice(&[
+                0.2, 0.8, 0.2, 0.003, delay_s, ramp_s, 0.0, 0.003, 0.004, 2.0, 0.002, 0.0, 0.0,
+            ]);
+            let drive = Drive::new(&input, &[], 0.3);
+            let with = model.simulate(&p, &[], &drive).unwrap().active;
+            let without = model
+                .simulate(&model.neutral(), &[], &drive)
+                .unwrap()
+                .active;
+            // 0.65 and 1.15 s.
+            [39, 69].map(|k| with[k] - without[k])
+        };
+        // At 0.62 a tenth is on, at 0.7 half of it.
+        let [down, up] = lost_at([0.002, 0.01]);
+        assert!((down - 0.2 * 0.9).abs() < 2e-3, "{down}");
+        assert!((up - 0.2 * 0.5).abs() < 2e-3, "{up}");
+        // Who waits for a second is still away.
+        let [_, waiting] = lost_at([1.0, 0.01]);
+        assert!((waiting - 0.2 * 0.9).abs() < 2e-3, "{waiting}");
     }
 
     #[test]
