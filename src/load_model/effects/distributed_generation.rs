@@ -20,18 +20,19 @@
 //! dP = G P0^-e (o (1 - (1 - g) v i_o) + (1 - o) (1 - v i_c)),   dQ = -t dP             (6)
 //! ```
 //!
-//! `ramp(y)` runs straight from 0 to 1, `w_deepest` is the largest `w_now` since everything was on. `t_back` is the time
-//! when the voltage was back, for each inverter at its own voltage within the span: 0.01 pu above the lowest one since everything
-//! was on, at most at `V_mc`. Where delay and ramp are short the current follows the voltage down and up. `open` picks up when the voltage has been low for `T_mc`; then the contacts
+//! `ramp(y)` runs straight from 0 to 1, `w_deepest` is the largest `w_now` since everything was on. `t_back` is
+//! the time when the voltage was back, for each inverter at its own voltage within the span: 0.01 pu above the
+//! lowest one since everything was on, at most at `V_mc`. Where delay and ramp are short the current follows the
+//! voltage down and up. `open` picks up when the voltage has been low for `T_mc`; then the contacts
 //! part after `T_o`, all of them within `T_s`, also when the voltage is back by then. Inverters of this
 //! kind run at a power factor near 1; `t` is what they and their transformers take of reactive power, per
 //! active power fed. Generation does not follow the load: between events it may be a share of P0
 //! (`e = 0`) or stay the same (`e = 1`, `G` is then its power in pu of the site's base). Not included:
 //! frequency trip.
 //!
-//! Source: logic of PVD1 (linear cut, lag of the current) and `DER_A` in the WECC composite load model
-//! (values Vt0 .88, Vl1 .49, Tvl0 .16 s, filters .02 s not verified); constant power within a current limit is
-//! how grid-following inverters are controlled.
+//! Source: logic of PVD1 (limit, then a linear cut that follows the voltage, then the lag of the current: as in ANDES 2.0)
+//! and `DER_A` in the WECC composite load model (values Vt0 .88, Vl1 .49, Tvl0 .16 s, filters .02 s not verified);
+//! constant power within a current limit is how grid-following inverters are controlled.
 
 use super::{
     lag::lag,
@@ -243,6 +244,7 @@ impl<S: Elementary> Equations<S> for DistributedGeneration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
 
     #[test]
     fn a_dip_within_the_span_takes_a_part_and_the_limit_bounds_the_rest() {
@@ -258,32 +260,39 @@ mod tests {
         assert!((ramp(1.1, &p) - 0.5).abs() < 1e-12);
     }
 
+    /// What generation with these parameters no longer feeds, over P0, at 60 samples per second.
+    fn lost(
+        voltage: impl Fn(f64) -> f64,
+        lasts_s: f64,
+        jumps_s: &[f64],
+        values: [f64; 13],
+    ) -> Vec<f64> {
+        let input = lasting(lasts_s, |t| [voltage(t), 0.0], jumps_s);
+        let structure = Structure::zip_im().with("distributed_generation").unwrap();
+        let model = ComposedModel::new(&structure);
+        let mut p = model.typical();
+        p[8..21].copy_from_slice(&values);
+        let drive = Drive::new(&input, &[], 0.3);
+        let active = |p: &[f64]| model.simulate(p, &[], &drive).unwrap().active;
+        let both = active(&p).into_iter().zip(active(&model.neutral()));
+        both.map(|(with, without)| with - without).collect()
+    }
+
     #[test]
     fn without_delay_the_current_follows_the_voltage_up_as_well() {
-        use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
-        // Down to 0.6, half a second at 0.7, then back; V_mc = 0.8, s = 0.2.
+        // Down to 0.62, half a second at 0.7, then back; V_mc = 0.8, s = 0.2.
         let voltage = |t: f64| match t {
             t if (0.5..0.7).contains(&t) => 0.62,
             t if (0.7..1.2).contains(&t) => 0.7,
             _ => 1.0,
         };
-        let input = lasting(2.0, |t| [voltage(t), 0.0], &[0.5, 0.7, 1.2]);
-        let structure = Structure::zip_im().with("distributed_generation").unwrap();
-        let model = ComposedModel::new(&structure);
-        let lost_at = |return_s: [f64; 2]| {
-            let mut p = model.typical();
-            let [delay_s, ramp_s] = return_s;
-            p[8..21].copy_from_slice(&[
+        // 0.65 and 1.15 s.
+        let lost_at = |[delay_s, ramp_s]: [f64; 2]| {
+            let values = [
                 0.2, 0.8, 0.2, 0.003, delay_s, ramp_s, 0.0, 0.003, 0.004, 2.0, 0.002, 0.0, 0.0,
-            ]);
-            let drive = Drive::new(&input, &[], 0.3);
-            let with = model.simulate(&p, &[], &drive).unwrap().active;
-            let without = model
-                .simulate(&model.neutral(), &[], &drive)
-                .unwrap()
-                .active;
-            // 0.65 and 1.15 s.
-            [39, 69].map(|k| with[k] - without[k])
+            ];
+            let lost = lost(voltage, 2.0, &[0.5, 0.7, 1.2], values);
+            [39, 69].map(|k| lost[k])
         };
         // At 0.62 a tenth is on, at 0.7 half of it.
         let [down, up] = lost_at([0.002, 0.01]);
@@ -296,24 +305,14 @@ mod tests {
 
     #[test]
     fn power_rises_after_the_dip_and_comes_back() {
-        use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
-        let dip = |t: f64| [if (0.5..0.6).contains(&t) { 0.6 } else { 1.0 }, 0.0];
-        let input = lasting(4.0, dip, &[0.5, 0.6]);
-        let structure = Structure::zip_im().with("distributed_generation").unwrap();
-        let model = ComposedModel::new(&structure);
-        let mut p = model.typical();
-        p[8..21].copy_from_slice(&[
+        let dip = |t: f64| if (0.5..0.6).contains(&t) { 0.6 } else { 1.0 };
+        let values = [
             0.2, 0.75, 0.02, 0.02, 0.1, 2.0, 0.25, 0.003, 0.004, 1.1, 0.01, 0.0, 0.0,
-        ]);
-        let drive = Drive::new(&input, &[], 0.3);
-        let with = model.simulate(&p, &[], &drive).unwrap().active;
-        let without = model
-            .simulate(&model.neutral(), &[], &drive)
-            .unwrap()
-            .active;
+        ];
+        let lost = lost(dip, 4.0, &[0.5, 0.6], values);
         // 0.65 s: all off. 1.7 s: 1 s up the ramp, 0.2 (1 - 0.75 x 0.5) = 0.125. 4 s: 0.2 x 0.25.
         for (k, expected) in [(39, 0.2), (102, 0.125), (240, 0.05)] {
-            assert!((with[k] - without[k] - expected).abs() < 1e-3, "{k}");
+            assert!((lost[k] - expected).abs() < 1e-3, "{k}");
         }
     }
 }
