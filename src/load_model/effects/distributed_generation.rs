@@ -58,6 +58,8 @@ pub(super) struct DistributedGeneration;
 
 /// Inverters return when the voltage is this much above the lowest one, pu: at the lowest one itself they do not.
 const ABOVE_LOWEST_PU: f64 = 0.01;
+/// A voltage as much below that again starts the return anew.
+const WELL_BELOW: f64 = 0.99;
 
 const fn state(name: &'static str, unit: &'static str) -> State {
     State { name, unit }
@@ -210,8 +212,6 @@ impl<S: Elementary> Equations<S> for DistributedGeneration {
         if deepest.value() > 0.0 {
             let back = back_above(*deepest, p);
             let away = step.voltage.map(|v| relay::below(v, back));
-            // A voltage well below starts the return anew.
-            const WELL_BELOW: f64 = 0.99;
             if away[2].value() > WELL_BELOW {
                 *since = S::constant(0.0);
             } else {
