@@ -58,7 +58,7 @@ pub(super) struct DistributedGeneration;
 
 /// Inverters return when the voltage is this much above the lowest one, pu: at the lowest one itself they do not.
 const ABOVE_LOWEST_PU: f64 = 0.01;
-/// A voltage as much below that again starts the return anew.
+/// Weight (0 to 1) of being below that voltage from which on the return starts anew.
 const WELL_BELOW: f64 = 0.99;
 
 const fn state(name: &'static str, unit: &'static str) -> State {
