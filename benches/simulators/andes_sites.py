@@ -11,7 +11,7 @@ import sys
 
 import andes
 import numpy as np
-from measurement import NETWORK_BASE_MVA, NOMINAL_HZ, even_grid, measure, write_event, write_site
+from measurement import NETWORK_BASE_MVA, NOMINAL_HZ, arguments, even_grid, measure, write_event, write_site
 
 CASE = "kundur/kundur_full.json"
 # The bus of the load, the one of the network that feeds it, and the transformer between them, pu of `NETWORK_BASE_MVA`.
@@ -253,13 +253,8 @@ def draw_event(kind, bus, reactance, rng):
 
 
 def main():
-    if len(sys.argv) < 4 or sys.argv[1] not in KINDS:
-        sys.exit(f"{__doc__}\nKIND: {', '.join(KINDS)}")
-    kind, seed, folder = sys.argv[1], int(sys.argv[2]), sys.argv[3].rstrip("/")
-    frames_per_s = int(sys.argv[4]) if len(sys.argv) > 4 else 60
-    noise = float(sys.argv[5]) if len(sys.argv) > 5 else 0.001
+    kind, folder, frames_per_s, noise, rng = arguments(__doc__, KINDS)
     andes.config_logger(stream_level=50)
-    rng = np.random.default_rng([seed, sum(map(ord, kind))])
     load = site(kind, rng)
     os.makedirs(folder, exist_ok=True)
     p, q = rng.uniform(1.5, 1.95), rng.uniform(0.2, 0.4)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 
 import numpy as np
 
@@ -49,6 +50,16 @@ def measure(voltage, current, end_s, frames_per_s, noise, rng):
             to_site * reactive,
         ]
     )
+
+
+def arguments(usage, kinds):
+    """Kind, folder, frames/s and noise of the command line, and the generator that kind and seed give."""
+    if len(sys.argv) < 4 or sys.argv[1] not in kinds:
+        sys.exit(f"{usage}\nKIND: {', '.join(kinds)}")
+    kind, seed, folder = sys.argv[1], int(sys.argv[2]), sys.argv[3].rstrip("/")
+    frames_per_s = int(sys.argv[4]) if len(sys.argv) > 4 else 60
+    noise = float(sys.argv[5]) if len(sys.argv) > 5 else 0.001
+    return kind, folder, frames_per_s, noise, np.random.default_rng([seed, sum(map(ord, kind))])
 
 
 def write_event(folder, number, rows):

@@ -12,7 +12,7 @@ import tempfile
 
 import numpy as np
 import stepss
-from measurement import GRID_S, NETWORK_BASE_MVA, NOMINAL_HZ, even_grid, measure, write_event, write_site
+from measurement import GRID_S, NETWORK_BASE_MVA, NOMINAL_HZ, arguments, even_grid, measure, write_event, write_site
 
 # What the parts of a pair hide.
 PARTS = {
@@ -513,12 +513,7 @@ def draw_event(kind, bus, cycles, rng):
 
 
 def main():
-    if len(sys.argv) < 4 or sys.argv[1] not in KINDS:
-        sys.exit(f"{__doc__}\nKIND: {', '.join(KINDS)}")
-    kind, seed, folder = sys.argv[1], int(sys.argv[2]), sys.argv[3].rstrip("/")
-    frames_per_s = int(sys.argv[4]) if len(sys.argv) > 4 else 60
-    noise = float(sys.argv[5]) if len(sys.argv) > 5 else 0.001
-    rng = np.random.default_rng([seed, sum(map(ord, kind))])
+    kind, folder, frames_per_s, noise, rng = arguments(__doc__, KINDS)
     parts = kind.split("+")
     both = kind != "feeder+second_motor" and len(parts) == 2
     load = pair(kind, rng) if both else site(kind, rng)
