@@ -40,15 +40,19 @@ pub(crate) fn same(truth: &str, named: &str) -> bool {
     truth == named || EQUALS.iter().any(equal)
 }
 
+/// By how much further on the second of a pair is from number to number: a prime, so that none is left out.
+const APART: u64 = 7;
+
 impl Hidden {
-    /// Every effect meets others as numbers go on; none where it would meet itself.
-    pub(crate) fn pair(number: u64) -> Option<Self> {
+    /// Every effect meets every other one as numbers go on.
+    pub(crate) fn pair(number: u64) -> Self {
         let found =
             |effect: &Effect| !["stator_resistance", "phasor_window"].contains(&effect.name());
         let all: Vec<Effect> = Effect::ALL.into_iter().filter(found).collect();
-        let pick = |k: u64| all[usize::try_from(k % all.len() as u64).unwrap()];
-        let two = [pick(number), pick(number * 7 + 5)];
-        (two[0] != two[1]).then_some(Self::Pair(two))
+        let count = all.len() as u64;
+        let pick = |k: u64| all[usize::try_from(k % count).unwrap()];
+        let others = count - 1;
+        Self::Pair([pick(number), pick(number + 1 + number * APART % others)])
     }
 
     fn effects(self) -> Vec<Effect> {

@@ -31,58 +31,57 @@ use std::{
 };
 
 use cases::{Case, Hidden};
+use clap::{CommandFactory, Parser, error::ErrorKind};
 use loadmodeld::truth::Effect;
 use novel::Novel;
 use serde_json::Value;
 
-#[derive(Default)]
+#[derive(Parser)]
+#[command(about = "How often the diagnosis is right, on generated sites whose truth is known")]
 struct Arguments {
+    /// Seed of all sites
+    #[arg(long, default_value_t = 2026)]
     seed: u64,
+    /// Number of the first site of each kind
+    #[arg(long, default_value_t = 0)]
     first: u64,
+    /// Sites with one effect: numbers below this one, each of every effect
+    #[arg(long, default_value_t = 0)]
     sites: u64,
+    /// Sites with two effects: numbers below this one
+    #[arg(long, default_value_t = 0)]
     pairs: u64,
+    /// Sites with an effect that the catalogue is made not to have: numbers below this one, each of every effect
+    #[arg(long, default_value_t = 0)]
     outside: u64,
+    /// Sites with a load that no catalogue has: numbers below this one, each of every kind
+    #[arg(long, default_value_t = 0)]
     novel: u64,
+    /// Sites with nothing hidden: numbers below this one
+    #[arg(long, default_value_t = 0)]
     plain: u64,
+    /// By how much the composition varies from event to event, share of P0
+    #[arg(long)]
     composition_spread: Option<f64>,
-    only: Option<String>,
+    /// These effects only
+    #[arg(long, value_name = "NAME,NAME", value_delimiter = ',')]
+    only: Option<Vec<String>>,
+    /// Add one line of JSON per site to this file; sites that it has are not tried again
+    #[arg(long, value_name = "FILE")]
     lines: Option<String>,
+    /// Write the sites as folders instead
+    #[arg(long, value_name = "DIR")]
     write: Option<String>,
+    /// Print the tables of such lines
+    #[arg(long, value_name = "FILE")]
     summary: Option<String>,
-}
-
-fn arguments() -> Arguments {
-    let mut found = Arguments {
-        seed: 2026,
-        ..Arguments::default()
-    };
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        let value = words.next().unwrap();
-        match word.as_str() {
-            "--seed" => found.seed = value.parse().unwrap(),
-            "--first" => found.first = value.parse().unwrap(),
-            "--sites" => found.sites = value.parse().unwrap(),
-            "--pairs" => found.pairs = value.parse().unwrap(),
-            "--outside" => found.outside = value.parse().unwrap(),
-            "--novel" => found.novel = value.parse().unwrap(),
-            "--plain" => found.plain = value.parse().unwrap(),
-            "--composition-spread" => found.composition_spread = Some(value.parse().unwrap()),
-            "--only" => found.only = Some(value),
-            "--lines" => found.lines = Some(value),
-            "--write" => found.write = Some(value),
-            "--summary" => found.summary = Some(value),
-            other => panic!("unknown option {other}"),
-        }
-    }
-    found
 }
 
 /// Every kind of case in turn, so that an interrupted study has tried each about as often.
 fn cases(asked: &Arguments) -> Vec<Case> {
     let wanted = |effect: &Effect| {
         let only = asked.only.as_ref();
-        only.is_none_or(|only| only.split(',').any(|name| name == effect.name()))
+        only.is_none_or(|only| only.iter().any(|name| name == effect.name()))
     };
     let effects: Vec<Effect> = Effect::ALL.into_iter().filter(wanted).collect();
     let mut cases = Vec::new();
@@ -100,9 +99,8 @@ fn cases(asked: &Arguments) -> Vec<Case> {
         let novel = Novel::ALL.into_iter().map(Hidden::Novel);
         cases.extend(novel.map(|load| Case::new(asked.seed, number, load)));
     }
-    let pairs =
-        (asked.first..asked.pairs).filter_map(|number| Hidden::pair(number).map(|p| (number, p)));
-    cases.extend(pairs.map(|(number, pair)| Case::new(asked.seed, number, pair)));
+    let pairs = asked.first..asked.pairs;
+    cases.extend(pairs.map(|number| Case::new(asked.seed, number, Hidden::pair(number))));
     cases.extend(
         (asked.first..asked.plain).map(|number| Case::new(asked.seed, number, Hidden::Nothing)),
     );
@@ -121,7 +119,7 @@ fn read(path: &str) -> Vec<Value> {
 }
 
 fn main() {
-    let asked = arguments();
+    let asked = Arguments::parse();
     if let Some(path) = &asked.summary {
         summary::print(&read(path));
         return;
@@ -133,7 +131,12 @@ fn main() {
         return;
     }
     let Some(path) = asked.lines.as_deref() else {
-        panic!("--lines FILE is missing");
+        Arguments::command()
+            .error(
+                ErrorKind::MissingRequiredArgument,
+                "one of --lines, --write and --summary is needed",
+            )
+            .exit();
     };
     let known = |line: &Value| line["case"].as_str().map(str::to_owned);
     let tried: HashSet<String> = read(path).iter().filter_map(known).collect();

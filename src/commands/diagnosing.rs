@@ -17,8 +17,8 @@ use crate::{
         wire::DocumentError,
     },
     diagnosis::{
-        Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSplit, Progress,
-        Segment, Status, StructureErrors, Unexplained, Untestable,
+        Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSplit, GeneralForm,
+        Progress, Segment, Status, StructureErrors, Unexplained, Untestable,
     },
     identification::{ErrorSummary, IdentificationError},
     load_model::effect::Kind,
@@ -431,6 +431,9 @@ fn print_untestable(effect: &Untestable, out: &mut dyn Write) -> io::Result<()> 
 
 fn print_unexplained(unexplained: &Unexplained, out: &mut dyn Write) -> io::Result<()> {
     writeln!(out, "\nnot in the catalogue: {}", unexplained.signature)?;
+    if let Some(form) = &unexplained.general_form {
+        print_general_form(form, out)?;
+    }
     for term in &unexplained.terms {
         writeln!(
             out,
@@ -448,4 +451,38 @@ fn print_unexplained(unexplained: &Unexplained, out: &mut dyn Write) -> io::Resu
         }
     }
     Ok(())
+}
+
+fn print_general_form(form: &GeneralForm, out: &mut dyn Write) -> io::Result<()> {
+    write!(
+        out,
+        "  general form {}: {}\n  misfit per sample {:.2} -> {:.2}",
+        form.name, form.title, form.misfit_before, form.misfit_after
+    )?;
+    if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
+        write!(
+            out,
+            ", error over noise of held-out events {before:.2} -> {after:.2}"
+        )?;
+    }
+    writeln!(out)?;
+    for parameter in &form.parameters {
+        let error =
+            (parameter.standard_error).map_or_else(String::new, |error| format!(" +- {error:.2}"));
+        let unit = if parameter.unit == "1" {
+            ""
+        } else {
+            &parameter.unit
+        };
+        writeln!(
+            out,
+            "    {} {:.4}{error} {unit}",
+            parameter.name, parameter.value
+        )?;
+    }
+    writeln!(out, "  as fitted, a file for --effect-file:\n")?;
+    for line in form.effect_file.lines() {
+        writeln!(out, "    {line}")?;
+    }
+    writeln!(out)
 }

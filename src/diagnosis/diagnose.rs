@@ -6,9 +6,10 @@ use super::{
     evidence::objections,
     options::{DiagnosisOptions, Progress},
     outcome::{
-        Candidate, Diagnosis, DiagnosisCost, EventSets, Status, StructureErrors, Untestable,
+        Candidate, Diagnosis, DiagnosisCost, EventSets, GeneralForm, Status, StructureErrors,
+        Unexplained, Untestable,
     },
-    round::{Round, round},
+    round::{Decision, Round, round},
     trials::{Trial, amplitude},
     unexplained,
     where_it_fails::{failure, pooled},
@@ -119,7 +120,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         let closest = &round.base().baseline;
         let curves = case.curves(&closest.structure, &closest.all)?;
         let (events, curves): (Vec<_>, Vec<_>) = curves.into_iter().unzip();
-        unexplained::describe(&events, &curves)
+        with_form(unexplained::describe(&events, &curves), &round.decision)
     } else {
         None
     };
@@ -150,6 +151,22 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
             refits: trials().filter(|t| t.tried).count() as u64,
             seconds: 0.0,
         },
+    })
+}
+
+/// A description with the general form that was found.
+fn with_form(described: Option<Unexplained>, decision: &Decision) -> Option<Unexplained> {
+    let form = decision.form.as_ref();
+    let of_form = |form: &GeneralForm| Unexplained {
+        signature: format!("{}.", form.title),
+        terms: Vec::new(),
+        effect_file: None,
+        general_form: None,
+    };
+    let described = described.or_else(|| form.map(of_form));
+    described.map(|described| Unexplained {
+        general_form: form.cloned(),
+        ..described
     })
 }
 

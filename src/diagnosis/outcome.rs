@@ -143,6 +143,31 @@ pub struct UnexplainedTerm {
     pub share: f64,
 }
 
+/// A general form that explains what no effect of the catalogue does: a kind of dynamics, not a device.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GeneralForm {
+    /// Its name, with which it can be added to a structure.
+    pub name: String,
+    /// What it does, in words.
+    pub title: String,
+    /// Weighted squares per sample of all fitted and gating events without it.
+    pub misfit_before: f64,
+    /// The same with it.
+    pub misfit_after: f64,
+    /// Change of the Bayesian information criterion by it.
+    pub delta_bic: f64,
+    /// Error over noise on the gate's events without it; none without a gate.
+    pub held_out_error_before: Option<f64>,
+    /// The same with it.
+    pub held_out_error_after: Option<f64>,
+    /// Its parameters after the fit.
+    pub parameters: Vec<ParameterEstimate>,
+    /// The fit as a whole, to be simulated again.
+    pub model: FittedStructure,
+    /// It as an effect file with the fitted values.
+    pub effect_file: String,
+}
+
 /// What is missing but not in the catalogue.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unexplained {
@@ -152,6 +177,8 @@ pub struct Unexplained {
     pub terms: Vec<UnexplainedTerm>,
     /// A ready file for `--effect-file` that adds these terms; none where no term explains much.
     pub effect_file: Option<String>,
+    /// The general form that explains most; none where none explains more than the effects of the catalogue.
+    pub general_form: Option<GeneralForm>,
 }
 
 /// What a diagnosis cost.

@@ -3,12 +3,13 @@
 use super::{
     addable::addable,
     before_events::left_before_events,
+    beyond::beyond_the_catalogue,
     case::Case,
     claim::{ByItself, answer_set, companions_or_rivals, decisive, reaches},
     departures::departures,
     equals::beside_companions,
     evidence::{Evidence, is_adequate, objections},
-    outcome::Status,
+    outcome::{GeneralForm, Status},
     part_of::{Whole, whole},
     trials::{Fitted, Goal, Trial, trials},
 };
@@ -52,6 +53,9 @@ pub(super) struct Decision {
     pub(super) reasons: Vec<String>,
     /// A second effect that the best one needs beside it to reach the floor.
     pub(super) second: Option<Second>,
+    /// Where the answer is that something is missing that the catalogue does not have: the general form that explains it
+    /// best.
+    pub(super) form: Option<GeneralForm>,
 }
 
 /// A second effect, and the fit with both.
@@ -85,7 +89,7 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
         None
     };
     let base = accompanied.as_ref().unwrap_or(&asked);
-    let mut decision = decide(case, base, &list)?;
+    let mut decision = beyond_the_catalogue(case, base, &list, decide(case, base, &list)?)?;
     if let Some(with) = &accompanied
         && decision.status != Status::CannotJudge
     {
@@ -181,6 +185,7 @@ fn or_a_rival(
             reasons: vec![found(name, &evidence)],
             answer,
             second: None,
+            form: None,
         };
     }
     Ok(Judged {
@@ -322,6 +327,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
             answer,
             reasons: vec![found],
             second: None,
+            form: None,
         });
     }
     Ok(match pair(case, base, list, &answer)? {
@@ -337,6 +343,7 @@ fn decide(case: &Case<'_>, base: &Fitted, list: &[Trial]) -> Result<Decision, Id
                 ),
             ],
             second: None,
+            form: None,
         },
     })
 }
@@ -377,6 +384,7 @@ fn with_what_it_is_part_of(list: &[Trial], part: usize, second: Second) -> Decis
         answer: vec![part],
         reasons,
         second: Some(second),
+        form: None,
     }
 }
 
@@ -403,6 +411,7 @@ fn with_second(
         answer,
         reasons: vec![found, reason],
         second: Some(pair.second),
+        form: None,
     }
 }
 
@@ -495,6 +504,7 @@ fn nothing_declared(case: &Case<'_>, base: &Fitted) -> Decision {
         answer: Vec::new(),
         reasons: vec![reason],
         second: None,
+        form: None,
     }
 }
 
@@ -511,6 +521,7 @@ fn unknown_where(case: &Case<'_>, chi_square: f64, departures: Vec<String>) -> D
         answer: Vec::new(),
         reasons,
         second: None,
+        form: None,
     }
 }
 
@@ -539,5 +550,6 @@ fn companion_decision(
         answer,
         reasons,
         second: None,
+        form: None,
     }
 }

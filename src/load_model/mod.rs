@@ -10,6 +10,7 @@
 pub mod composed;
 pub mod effect;
 pub mod effects;
+pub mod general_forms;
 pub mod induction_motor;
 pub mod ranges;
 pub mod structure;

@@ -1,6 +1,6 @@
 //! Which parts a model is made of.
 
-use super::{effect::Effect, effects, ranges::Ranges};
+use super::{effect::Effect, effects, general_forms, ranges::Ranges};
 
 /// A composed load model: `zip`, `induction_motor`, and effects. The parts are named as in the
 /// catalogue (`docs/effects`); the order is the order of the parameters.
@@ -117,13 +117,17 @@ impl Structure {
         let mut parts: Vec<Part> = Vec::new();
         for name in names {
             let name = name.as_ref().trim();
-            let part = known().find(|p| p.name == name).ok_or_else(|| {
-                let known = known().map(|p| p.name).collect::<Vec<_>>().join(", ");
-                StructureError::Unknown {
-                    name: name.to_owned(),
-                    known,
-                }
-            })?;
+            let form = || general_forms::find(name).map(part);
+            let part = known()
+                .find(|p| p.name == name)
+                .or_else(form)
+                .ok_or_else(|| {
+                    let known = known().map(|p| p.name).collect::<Vec<_>>().join(", ");
+                    StructureError::Unknown {
+                        name: name.to_owned(),
+                        known,
+                    }
+                })?;
             if parts.contains(&part) {
                 return Err(StructureError::Twice {
                     name: name.to_owned(),

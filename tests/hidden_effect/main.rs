@@ -18,7 +18,7 @@ use loadmodeld::{
     adapters::recordings::site_folder,
     diagnosis::{Change, Diagnosis, DiagnosisOptions, Improvement, Status, diagnose, improve},
     disturbance::{ScreeningOptions, Window, screen},
-    load_model::effects,
+    load_model::{effects, user_effects::EffectFile},
     measurement::Site,
     truth::{Effect, StudyShape, SyntheticSite, study_site},
 };
@@ -154,6 +154,51 @@ fn a_load_that_leaves_for_a_while_now_and_then_is_unknown_however_small_the_misf
     assert_eq!(found.status, Status::UnknownEffect, "{:?}", found.reasons);
     let told = |event: &str| found.reasons.iter().any(|r| r.starts_with(event));
     assert!(told("event_01") && !told("event_02"), "{:?}", found.reasons);
+}
+
+#[test]
+fn a_load_with_an_oscillation_of_its_own_is_unknown_and_its_form_is_told() {
+    let (site, mut windows) = site(&[], 1);
+    for window in &mut windows {
+        write_a_weight_on_a_spring(window);
+    }
+    let found = diagnose(&site, &windows, &plain(), &options(), &|_| (), &|| false).unwrap();
+    assert_eq!(found.status, Status::UnknownEffect, "{:?}", found.reasons);
+    let form = found.unexplained.unwrap().general_form.unwrap();
+    assert_eq!(form.name, "general_second_order", "{:?}", found.reasons);
+    let value = |own: &str| {
+        let of_name = form.parameters.iter().find(|p| p.name.ends_with(own));
+        of_name.unwrap().value
+    };
+    assert!(
+        (value("natural_frequency") / SPRING_RAD_S - 1.0).abs() < 0.1,
+        "{form:?}"
+    );
+    assert!(
+        (value("active_gain") / SPRING_GAIN - 1.0).abs() < 0.2,
+        "{form:?}"
+    );
+    assert!(form.misfit_after < 0.2 * form.misfit_before, "{form:?}");
+    assert!(EffectFile::parse(&form.effect_file).is_ok());
+}
+
+const SPRING_RAD_S: f64 = 7.0;
+const SPRING_GAIN: f64 = 0.2;
+
+/// P that follows the voltage like a weight on a spring, by small steps of its own.
+fn write_a_weight_on_a_spring(window: &mut Window) {
+    const PARTS: usize = 50;
+    let h = 1.0 / (window.record.rate_fps * PARTS as f64);
+    let first = window.record.samples[0];
+    let (mut x, mut speed) = (1.0, 0.0);
+    for sample in &mut window.record.samples {
+        let v = sample.voltage_pu / first.voltage_pu;
+        for _ in 0..PARTS {
+            speed += h * SPRING_RAD_S * (SPRING_RAD_S * (v - x) - 0.3 * speed);
+            x += h * speed;
+        }
+        sample.active_pu += SPRING_GAIN * (x - v) * first.active_pu;
+    }
 }
 
 #[test]

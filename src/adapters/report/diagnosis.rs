@@ -9,7 +9,7 @@ use super::{
     number::significant,
     page::{self, drawn, legend, percent, tile, to_noise},
 };
-use crate::diagnosis::{Diagnosis, EventFailure, Status};
+use crate::diagnosis::{Diagnosis, EventFailure, GeneralForm, Status};
 
 /// The report of a diagnosis as one HTML document. The same input gives the same bytes.
 ///
@@ -177,6 +177,7 @@ pub(super) fn unexplained(diagnosis: &Diagnosis) -> Markup {
         section {
             h2 { "Not in the catalogue" }
             p { (unexplained.signature) }
+            @if let Some(form) = &unexplained.general_form { (general_form(form)) }
             @if !unexplained.terms.is_empty() { (diagnosis_tables::terms(unexplained)) }
             @if let Some(file) = &unexplained.effect_file {
                 details {
@@ -186,6 +187,24 @@ pub(super) fn unexplained(diagnosis: &Diagnosis) -> Markup {
             }
         }
     } }
+}
+
+/// The general form that explains most of it, as fitted.
+fn general_form(form: &GeneralForm) -> Markup {
+    html! {
+        p {
+            strong { (form.title) } " (" code { (form.name) } "): with this general form, which is no effect of the catalogue, the \
+             misfit falls from " (significant(form.misfit_before, 3)) " to " (significant(form.misfit_after, 3)) " per sample"
+            @if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
+                ", the error over noise of held-out events from " (significant(before, 3)) " to " (significant(after, 3))
+            } "."
+        }
+        (diagnosis_tables::of_form(form))
+        details {
+            summary { "It as fitted, as a file for --effect-file" }
+            pre { (form.effect_file) }
+        }
+    }
 }
 
 /// Effects on which the events are silent.

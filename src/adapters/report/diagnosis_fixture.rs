@@ -164,6 +164,7 @@ pub(crate) fn diagnosis() -> Diagnosis {
                 share: 0.7,
             }],
             effect_file: Some("dp = \"a*v\"\n".to_owned()),
+            general_form: None,
         }),
         model: None,
         cost: DiagnosisCost::default(),

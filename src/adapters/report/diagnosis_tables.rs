@@ -9,8 +9,8 @@ use super::{
 };
 use crate::{
     diagnosis::{
-        Candidate, Diagnosis, EventFailure, EventSets, Improvement, SegmentResidual, Unexplained,
-        Untestable,
+        Candidate, Diagnosis, EventFailure, EventSets, GeneralForm, Improvement, SegmentResidual,
+        Unexplained, Untestable,
     },
     identification::ErrorSummary,
     load_model::effect::Kind,
@@ -202,6 +202,28 @@ pub(super) fn untestable(effects: &[Untestable]) -> Markup {
         }
     };
     scrollable("Effects that cannot be tested", &table)
+}
+
+/// Parameters of a general form.
+pub(super) fn of_form(form: &GeneralForm) -> Markup {
+    let table = html! {
+        table {
+            caption { "The form as fitted" }
+            thead { tr {
+                th scope="col" { "Parameter" }
+                th.number scope="col" { "Value" }
+                th.number scope="col" { "Standard error" }
+                th scope="col" { "Unit" }
+            } }
+            tbody { @for parameter in &form.parameters { tr {
+                th scope="row" { code { (parameter.name) } }
+                td.number { (significant(parameter.value, 4)) }
+                td.number { (parameter.standard_error.map_or(ABSENT.to_owned(), |error| significant(error, 2))) }
+                td { (parameter.unit) }
+            } } }
+        }
+    };
+    scrollable("General form", &table)
 }
 
 /// Terms of what no effect of the catalogue explains.

@@ -57,6 +57,7 @@ pub fn describe(events: &[PreparedEvent], curves: &[Curves]) -> Option<Unexplain
         signature: signature::sentence(&usable, &terms, &found),
         terms: listed(&terms, &found),
         effect_file: effect_file::text(&terms, &found),
+        general_form: None,
     })
 }
 

@@ -37,6 +37,7 @@ use std::sync::OnceLock;
 
 use super::{
     effect::{Effect, Parameter},
+    general_forms,
     user_effects::EffectFile,
 };
 
@@ -140,7 +141,8 @@ pub fn can_be_together(files: &[EffectFile]) -> Result<(), RegisterError> {
     }
     for (k, file) in files.iter().enumerate() {
         let name = file.name().to_owned();
-        if is_built_in(&name) || BASE_PARTS.contains(&name.as_str()) {
+        let taken = is_built_in(&name) || general_forms::find(&name).is_some();
+        if taken || BASE_PARTS.contains(&name.as_str()) {
             return Err(RegisterError::Known { name });
         }
         if files[..k].iter().any(|f| f.name() == name) {
@@ -170,17 +172,17 @@ pub fn catalogue() -> &'static [&'static dyn Effect] {
     ALL.get_or_init(|| CATALOGUE.to_vec())
 }
 
-/// The effect of this name.
+/// The effect of this name, or the general form.
 #[must_use]
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
-    catalogue()
-        .iter()
-        .copied()
-        .find(|e| e.declaration().name == name)
+    let listed = catalogue().iter().copied();
+    let mut named = listed.filter(|e| e.declaration().name == name);
+    named.next().or_else(|| general_forms::find(name))
 }
 
 /// Whether the effect was registered from a file.
 #[must_use]
 pub fn is_registered(name: &str) -> bool {
-    !is_built_in(name) && find(name).is_some()
+    let form = general_forms::find(name).is_some();
+    !is_built_in(name) && !form && find(name).is_some()
 }

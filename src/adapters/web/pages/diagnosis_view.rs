@@ -10,7 +10,7 @@ use super::{
 };
 use crate::adapters::{
     report::number,
-    wire::v1::{CandidateV1, DiagnosisV1, UnexplainedV1, UntestableV1},
+    wire::v1::{CandidateV1, DiagnosisV1, GeneralFormV1, UnexplainedV1, UntestableV1},
 };
 
 /// The page's content.
@@ -280,6 +280,7 @@ fn unknown(unexplained: &UnexplainedV1) -> Markup {
     html! {
         h2 { "What no effect of the catalogue explains" }
         p { (unexplained.signature) }
+        @if let Some(form) = &unexplained.general_form { (general_form(form)) }
         @if !unexplained.terms.is_empty() {
             div.scroll tabindex="0" role="region" aria-label="Terms" {
                 table.list {
@@ -296,6 +297,22 @@ fn unknown(unexplained: &UnexplainedV1) -> Markup {
                 summary { "A file that adds these terms to the model (--effect-file)" }
                 pre tabindex="0" { (file) }
             }
+        }
+    }
+}
+
+fn general_form(form: &GeneralFormV1) -> Markup {
+    html! {
+        p {
+            strong { (form.title) } " (" code { (form.name) } "): with this general form, which is no effect of the catalogue, the "
+            "misfit falls from " (number::significant(form.misfit_before, 3)) " to " (number::significant(form.misfit_after, 3)) " per sample"
+            @if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
+                ", the error over noise of held-out events from " (number::significant(before, 3)) " to " (number::significant(after, 3))
+            } "."
+        }
+        details {
+            summary { "It as fitted (--effect-file)" }
+            pre tabindex="0" { (form.effect_file) }
         }
     }
 }

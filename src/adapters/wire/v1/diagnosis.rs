@@ -11,7 +11,7 @@ use super::{
 use crate::{
     adapters::wire::DocumentError,
     diagnosis::{
-        Candidate, Diagnosis, DiagnosisCost, EventSets, StructureErrors, Unexplained,
+        Candidate, Diagnosis, DiagnosisCost, EventSets, GeneralForm, StructureErrors, Unexplained,
         UnexplainedTerm, Untestable,
     },
     identification::FittedStructure,
@@ -168,6 +168,36 @@ pub struct UnexplainedV1 {
     pub terms: Vec<UnexplainedTermV1>,
     /// A ready effect file that adds these terms; null where no term explains much.
     pub effect_file: Option<String>,
+    /// The general form that explains most; null where none explains more than the catalogue, absent in documents of
+    /// earlier programs.
+    #[serde(default)]
+    pub general_form: Option<GeneralFormV1>,
+}
+
+/// Counterpart of [`GeneralForm`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GeneralFormV1 {
+    /// Its name, with which it can be added to a structure.
+    pub name: String,
+    /// What it does, in words.
+    pub title: String,
+    /// Weighted squares per sample without it.
+    pub misfit_before: f64,
+    /// The same with it.
+    pub misfit_after: f64,
+    /// Change of the Bayesian information criterion by it.
+    pub delta_bic: f64,
+    /// Error over noise on the gate's events without it; null without a gate.
+    pub held_out_error_before: Option<f64>,
+    /// The same with it.
+    pub held_out_error_after: Option<f64>,
+    /// Its parameters after the fit, by name.
+    #[serde(with = "ordered")]
+    pub parameters: Vec<(String, ParameterV1)>,
+    /// The fit as a whole.
+    pub model: FittedStructureV1,
+    /// It as an effect file with the fitted values.
+    pub effect_file: String,
 }
 
 /// Counterpart of [`UnexplainedTerm`].
@@ -355,6 +385,25 @@ impl From<&Unexplained> for UnexplainedV1 {
             signature: unexplained.signature.clone(),
             terms: all(&unexplained.terms),
             effect_file: unexplained.effect_file.clone(),
+            general_form: unexplained.general_form.as_ref().map(GeneralFormV1::from),
+        }
+    }
+}
+
+impl From<&GeneralForm> for GeneralFormV1 {
+    fn from(form: &GeneralForm) -> Self {
+        let parameters = form.parameters.iter();
+        Self {
+            name: form.name.clone(),
+            title: form.title.clone(),
+            misfit_before: form.misfit_before,
+            misfit_after: form.misfit_after,
+            delta_bic: form.delta_bic,
+            held_out_error_before: form.held_out_error_before,
+            held_out_error_after: form.held_out_error_after,
+            parameters: parameters.map(|p| (p.name.clone(), p.into())).collect(),
+            model: FittedStructureV1::from(&form.model),
+            effect_file: form.effect_file.clone(),
         }
     }
 }

@@ -3,8 +3,8 @@
 use crate::{
     diagnosis::{
         self, Candidate, CrossCorrelation, Dependence, Diagnosis, DiagnosisCost, EventFailure,
-        EventSets, Improvement, ImprovementStep, Quantity, Segment, SegmentResidual, Status,
-        StructureErrors, Unexplained, UnexplainedTerm, Untestable,
+        EventSets, GeneralForm, Improvement, ImprovementStep, Quantity, Segment, SegmentResidual,
+        Status, StructureErrors, Unexplained, UnexplainedTerm, Untestable,
     },
     disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
     identification::{
@@ -345,6 +345,7 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
                 share: 0.6,
             }],
             effect_file: None,
+            general_form: Some(general_form()),
         }),
         model: Some(fitted_structure("T0_prime")),
         cost: DiagnosisCost {
@@ -352,6 +353,21 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
             refits: 6,
             seconds: 2.5,
         },
+    }
+}
+
+fn general_form() -> GeneralForm {
+    GeneralForm {
+        name: "general_second_order".to_owned(),
+        title: "Follows the voltage with an oscillation or a delay of its own".to_owned(),
+        misfit_before: 9.36,
+        misfit_after: 0.45,
+        delta_bic: -95_900.0,
+        held_out_error_before: Some(2.55),
+        held_out_error_after: Some(0.66),
+        parameters: Vec::new(),
+        model: fitted_structure("T0_prime"),
+        effect_file: "name = \"fitted_second_order\"\n".to_owned(),
     }
 }
 
