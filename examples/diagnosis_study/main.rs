@@ -37,7 +37,10 @@ use novel::Novel;
 use serde_json::Value;
 
 #[derive(Parser)]
-#[command(about = "How often the diagnosis is right, on generated sites whose truth is known")]
+#[command(
+    name = "diagnosis_study",
+    about = "How often the diagnosis is right, on generated sites whose truth is known"
+)]
 struct Arguments {
     /// Seed of all sites
     #[arg(long, default_value_t = 2026)]

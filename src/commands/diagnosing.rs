@@ -444,7 +444,8 @@ fn print_unexplained(unexplained: &Unexplained, out: &mut dyn Write) -> io::Resu
             100.0 * term.share
         )?;
     }
-    if let Some(file) = &unexplained.effect_file {
+    let described = unexplained.effect_file.as_ref();
+    if let Some(file) = described.filter(|_| unexplained.general_form.is_none()) {
         writeln!(out, "  as a file for --effect-file:\n")?;
         for line in file.lines() {
             writeln!(out, "    {line}")?;
@@ -456,7 +457,7 @@ fn print_unexplained(unexplained: &Unexplained, out: &mut dyn Write) -> io::Resu
 fn print_general_form(form: &GeneralForm, out: &mut dyn Write) -> io::Result<()> {
     write!(
         out,
-        "  general form {}: {}\n  misfit per sample {:.2} -> {:.2}",
+        "  general form {} (to add it: improve --add {0}): {}\n  misfit per sample {:.2} -> {:.2}",
         form.name, form.title, form.misfit_before, form.misfit_after
     )?;
     if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
@@ -467,18 +468,18 @@ fn print_general_form(form: &GeneralForm, out: &mut dyn Write) -> io::Result<()>
     }
     writeln!(out)?;
     for parameter in &form.parameters {
-        let error =
-            (parameter.standard_error).map_or_else(String::new, |error| format!(" +- {error:.2}"));
+        let error = parameter.standard_error;
+        let error = error.map_or_else(|| "-".to_owned(), |error| format!("{error:.5}"));
         let unit = if parameter.unit == "1" {
             ""
         } else {
             &parameter.unit
         };
-        writeln!(
-            out,
-            "    {} {:.4}{error} {unit}",
+        let line = format!(
+            "    {:44} {:>9.5}  {error:>9}  {unit}",
             parameter.name, parameter.value
-        )?;
+        );
+        writeln!(out, "{}", line.trim_end())?;
     }
     writeln!(out, "  as fitted, a file for --effect-file:\n")?;
     for line in form.effect_file.lines() {

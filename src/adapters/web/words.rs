@@ -4,7 +4,7 @@ use super::acting;
 use crate::{
     adapters::{http::Ongoing, store::JobKind, wire::v1::rfc3339},
     disturbance::{Closing, Trigger},
-    load_model::effects,
+    load_model::{effects, general_forms},
 };
 
 /// Parts of a model as a reader sees them: `ZIP + induction motor + second motor`.
@@ -27,7 +27,8 @@ pub(super) fn effect(name: &str) -> String {
 
 /// A sentence of a diagnosis with its effects named as a reader sees them.
 pub(super) fn readable(sentence: &str) -> String {
-    let names = effects::catalogue().iter().map(|e| e.declaration().name);
+    let all = effects::catalogue().iter().chain(general_forms::all());
+    let names = all.map(|e| e.declaration().name);
     names
         .filter(|name| name.contains('_'))
         .fold(sentence.to_owned(), |text, name| {

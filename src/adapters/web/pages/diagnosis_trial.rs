@@ -1,4 +1,4 @@
-//! What a candidate would do to the model, drawn before it is added: its refit of the diagnosis on one
+//! What a candidate, or a general form, would do to the model, drawn before it is added: its refit of the diagnosis on one
 //! event, beside the structure judged.
 
 use maud::{Markup, html};
@@ -19,7 +19,7 @@ use super::{
 use crate::{
     adapters::{
         report::number,
-        wire::v1::{CandidateV1, DiagnosisV1, FittedStructureV1},
+        wire::v1::{DiagnosisV1, FittedStructureV1},
     },
     identification::FittedStructure,
 };
@@ -51,9 +51,8 @@ pub(super) fn load(
     diagnosis: &DiagnosisV1,
     asked: &Asked,
 ) -> Result<Option<Trial>, Problem> {
-    let (candidate, event) = (candidate(diagnosis, asked)?, event(diagnosis, asked)?);
-    let (Some((candidate, refit)), Some(base), Some(event)) = (candidate, &diagnosis.model, event)
-    else {
+    let (effect, event) = (effect(diagnosis, asked)?, event(diagnosis, asked)?);
+    let (Some((effect, refit)), Some(base), Some(event)) = (effect, &diagnosis.model, event) else {
         return Ok(None);
     };
     let Some(window) = desk.store().window(event)? else {
@@ -65,34 +64,41 @@ pub(super) fn load(
         desk.comparison_of_fitted(&fitted, &name, &window)
     };
     // A model that has no response in this event is no failure of the page.
-    let (Ok(before), Ok(after)) = (judged(base, ""), judged(refit, &candidate.effect)) else {
+    let (Ok(before), Ok(after)) = (judged(base, ""), judged(refit, effect)) else {
         return Ok(None);
     };
     Ok(Some(Trial {
-        effect: candidate.effect.clone(),
+        effect: effect.to_owned(),
         overlay: Overlay { before, after },
     }))
 }
 
-fn drawable(diagnosis: &DiagnosisV1) -> impl Iterator<Item = (&CandidateV1, &FittedStructureV1)> {
-    let list = diagnosis.candidates.iter();
-    list.filter_map(|candidate| Some((candidate, candidate.model.as_ref()?)))
+/// An effect by its name, with its refit.
+type Refit<'a> = (&'a str, &'a FittedStructureV1);
+
+fn form(diagnosis: &DiagnosisV1) -> Option<Refit<'_>> {
+    let form = diagnosis.unexplained.as_ref()?.general_form.as_ref()?;
+    Some((&form.name, &form.model))
 }
 
-/// The one asked for, else the best of the answer: candidates come best first.
-fn candidate<'a>(
-    diagnosis: &'a DiagnosisV1,
-    asked: &Asked,
-) -> Result<Option<(&'a CandidateV1, &'a FittedStructureV1)>, Problem> {
+fn drawable(diagnosis: &DiagnosisV1) -> impl Iterator<Item = Refit<'_>> {
+    let list = diagnosis.candidates.iter();
+    let candidates = list.filter_map(|c| Some((c.effect.as_str(), c.model.as_ref()?)));
+    candidates.chain(form(diagnosis))
+}
+
+/// The one asked for, else the best of the answer (candidates come best first), or the general form where nothing is named.
+fn effect<'a>(diagnosis: &'a DiagnosisV1, asked: &Asked) -> Result<Option<Refit<'a>>, Problem> {
     let mut list = drawable(diagnosis);
     if asked.with.is_empty() {
-        return Ok(list.find(|(candidate, _)| diagnosis.answer_set.contains(&candidate.effect)));
+        let answered = list.find(|(name, _)| diagnosis.answer_set.iter().any(|a| a == name));
+        return Ok(answered.or_else(|| form(diagnosis)));
     }
-    let found = list.find(|(candidate, _)| candidate.effect == asked.with);
     let unknown = || {
         let detail = format!("this diagnosis keeps no refit with `{}`", asked.with);
         Problem::not_found(detail)
     };
+    let found = list.find(|(name, _)| *name == asked.with);
     found.map(Some).ok_or_else(unknown)
 }
 
@@ -197,8 +203,8 @@ fn choice(diagnosis: &DiagnosisV1, trial: &Trial) -> Markup {
         form.filter method="get" {
             label { "Effect "
                 select name="with" {
-                    @for (candidate, _) in drawable(diagnosis) {
-                        option value=(candidate.effect) selected[candidate.effect == trial.effect] { (words::effect(&candidate.effect)) }
+                    @for (effect, _) in drawable(diagnosis) {
+                        option value=(effect) selected[effect == trial.effect] { (words::effect(effect)) }
                     }
                 }
             }
@@ -233,18 +239,21 @@ mod tests {
     fn the_first_effect_of_the_answer_that_was_refitted_is_drawn() {
         let mut diagnosis = DiagnosisV1::new(&examples::diagnosis(), 1);
         let drawn = |diagnosis: &DiagnosisV1, with: &str| {
-            let found = candidate(diagnosis, &asked(with, ""));
-            found.map(|found| found.map(|(candidate, _)| candidate.effect.clone()))
+            let found = effect(diagnosis, &asked(with, ""));
+            found.map(|found| found.map(|(effect, _)| effect.to_owned()))
         };
         let named = Some("stator_resistance".to_owned());
         assert_eq!(drawn(&diagnosis, ""), Ok(named.clone()));
         let unknown = drawn(&diagnosis, "tap_changer").unwrap_err();
         assert!(unknown.detail.contains("tap_changer"), "{}", unknown.detail);
         diagnosis.answer_set.clear();
-        assert_eq!(drawn(&diagnosis, ""), Ok(None), "nothing is named");
+        let form = Some("general_second_order".to_owned());
+        assert_eq!(drawn(&diagnosis, ""), Ok(form), "nothing is named");
         assert_eq!(drawn(&diagnosis, "stator_resistance"), Ok(named));
         diagnosis.candidates[0].model = None;
         assert!(drawn(&diagnosis, "stator_resistance").is_err());
+        diagnosis.unexplained = None;
+        assert_eq!(drawn(&diagnosis, ""), Ok(None));
     }
 
     #[test]
