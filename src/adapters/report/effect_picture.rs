@@ -397,7 +397,10 @@ mod tests {
     use std::path::{Path, PathBuf};
 
     use super::*;
-    use crate::load_model::effects::{catalogue, is_registered};
+    use crate::load_model::{
+        effects::{catalogue, is_registered},
+        general_forms,
+    };
 
     /// Coordinates are quarters of a pixel: libraries of mathematics differ in the last bit, which may
     /// turn a rounding.
@@ -406,7 +409,7 @@ mod tests {
     fn manual() -> PathBuf {
         // Relative to the project root, unless the module was given an absolute path.
         let here = Path::new(env!("CARGO_MANIFEST_DIR")).join(file!());
-        here.ancestors().nth(4).unwrap().join("docs/effects")
+        here.ancestors().nth(4).unwrap().join("docs")
     }
 
     /// A picture as texts between numbers, and the numbers.
@@ -428,13 +431,16 @@ mod tests {
 
     #[test]
     fn every_effect_has_a_current_picture() {
-        for effect in catalogue().iter().map(|e| e.declaration().name) {
+        let listed = catalogue().iter().map(|e| ("effects", e));
+        let forms = general_forms::all().iter().map(|e| ("general-forms", e));
+        for (directory, effect) in listed.chain(forms) {
+            let effect = effect.declaration().name;
             if is_registered(effect) {
                 continue;
             }
             let drawn = effect_residuals(effect).unwrap();
             assert!(drawn.len() < 30_000, "{effect}: {} bytes", drawn.len());
-            let path = manual().join(effect).with_extension("svg");
+            let path = manual().join(directory).join(effect).with_extension("svg");
             if std::env::var_os("UPDATE_DOCS").is_some() {
                 std::fs::write(&path, &drawn).unwrap();
             }
