@@ -6,6 +6,7 @@ use super::{
     evidence::{Evidence, objections},
     options::ClaimOptions,
     outcome::{GeneralForm, Status},
+    part_of::are_one,
     round::Decision,
     trials::{Fitted, Goal, Trial, trials},
 };
@@ -28,24 +29,21 @@ pub(super) fn beyond_the_catalogue(
     let Some(named) = explained_by(base, list, &decision) else {
         return Ok(decision);
     };
-    if named.chi_square_per_row() < options.reached_floors * options.floor {
+    let bar = Bar::of(list, &decision, options);
+    if named.chi_square_per_row() < bar.tried_above {
         return Ok(decision);
     }
     let Some((form, evidence, fit)) = best_form(case, base)? else {
         return Ok(decision);
     };
-    let unknown = decision.status == Status::UnknownEffect;
-    let better =
-        || clearly_better(&fit, named, base, options) && foretells_better(case, &evidence, named);
-    if !unknown && !better() {
-        return Ok(decision);
-    }
-    let most = list.iter().filter_map(|trial| trial.fit.as_ref());
-    if unknown
-        && most
-            .map(ComposedFit::criterion)
-            .any(|c| c < fit.criterion())
-    {
+    let explains_more = if decision.status == Status::UnknownEffect {
+        let known = list.iter().filter_map(|trial| trial.fit.as_ref());
+        let mut known = known.map(ComposedFit::criterion);
+        known.all(|criterion| fit.criterion() <= criterion)
+    } else {
+        bar.is_cleared(case, base, (&evidence, &fit), named)
+    };
+    if !explains_more {
         return Ok(decision);
     }
     let mut reasons = decision.reasons;
@@ -106,28 +104,56 @@ fn best_form(
     Ok(forms.into_iter().find_map(claimable))
 }
 
-/// Whether a form leaves so much less of the held-out events than what is named as an effect that is claimed must leave less of
-/// them than the structure without it. A form follows many things that it was fitted to.
-fn foretells_better(case: &Case<'_>, form: &Evidence, named: &ComposedFit) -> bool {
-    match (form.gate, case.gate_misfit(named)) {
-        (Some(gate), Some(of_named)) => {
-            gate.after <= (1.0 - case.options.claim.held_out_fall_min) * of_named
-        }
-        _ => true,
-    }
+/// What a form must do for a decision to be taken back.
+struct Bar {
+    /// Forms are tried where the decision leaves more than this per row.
+    tried_above: f64,
+    /// Whether the criterion must be lower by more than what the events do not tell apart, not only by what a claim needs.
+    clearly: bool,
+    /// Share by which the held-out squares must be lower.
+    held_out_fall: f64,
 }
 
-/// Whether the criterion of a form is lower by more than what the events do not tell apart, and by as much as a claim needs.
-fn clearly_better(
-    form: &ComposedFit,
-    named: &ComposedFit,
-    base: &Fitted,
-    options: &ClaimOptions,
-) -> bool {
-    let squares: f64 = form.squares.iter().sum();
-    let gain = base.baseline.all.criterion() - form.criterion();
-    let told = told_apart(form.chi_square_per_row(), squares, gain, options);
-    form.criterion() < named.criterion() - told.max(options.delta_bic_min)
+impl Bar {
+    /// One name, or what is one thing, stands where it is at the floor and gives way to what is clearly better. Two names must be
+    /// better than one form, which as much speaks for wherever it explains as much.
+    fn of(list: &[Trial], decision: &Decision, options: &ClaimOptions) -> Self {
+        let pair = decision.second.as_ref().zip(decision.answer.first());
+        if pair.is_some_and(|(second, &first)| !are_one(list[first].name(), second.name)) {
+            return Self {
+                tried_above: 0.0,
+                clearly: false,
+                held_out_fall: 0.0,
+            };
+        }
+        Self {
+            tried_above: options.reached_floors * options.floor,
+            clearly: true,
+            held_out_fall: options.held_out_fall_min,
+        }
+    }
+
+    /// Held-out events speak as well: a form follows many things that it was fitted to.
+    fn is_cleared(
+        &self,
+        case: &Case<'_>,
+        base: &Fitted,
+        (evidence, form): (&Evidence, &ComposedFit),
+        named: &ComposedFit,
+    ) -> bool {
+        let options = &case.options.claim;
+        let squares: f64 = form.squares.iter().sum();
+        let gain = base.baseline.all.criterion() - form.criterion();
+        let told = told_apart(form.chi_square_per_row(), squares, gain, options);
+        let told = if self.clearly { told } else { 0.0 };
+        if form.criterion() >= named.criterion() - told.max(options.delta_bic_min) {
+            return false;
+        }
+        match (evidence.gate, case.gate_misfit(named)) {
+            (Some(gate), Some(of_named)) => gate.after <= (1.0 - self.held_out_fall) * of_named,
+            _ => true,
+        }
+    }
 }
 
 fn told(

@@ -16,6 +16,11 @@ const PART_OF: [(&str, &str); 1] = [("tap_changer", "feeder_impedance")];
 /// It is tried where the effect by itself gains this share of what the best one gains.
 const GAIN_SHARE: f64 = 0.5;
 
+/// Whether two names are one thing.
+pub(super) fn are_one(part: &str, other: &str) -> bool {
+    PART_OF.contains(&(part, other))
+}
+
 /// An effect and what it is part of.
 pub(super) struct Whole {
     /// The place of the effect in the list of trials.
