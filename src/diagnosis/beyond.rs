@@ -108,32 +108,26 @@ fn best_form(
 struct Bar {
     /// Forms are tried where the decision leaves more than this per row.
     tried_above: f64,
-    /// Whether the criterion must be lower by more than what the events do not tell apart, not only by what a claim needs.
-    clearly: bool,
-    /// Share by which the held-out squares must be lower.
-    held_out_fall: f64,
+    /// Whether two names are the answer.
+    of_pair: bool,
 }
 
 impl Bar {
-    /// One name, or what is one thing, stands where it is at the floor and gives way to what is clearly better. Two names must be
-    /// better than one form, which as much speaks for wherever it explains as much.
+    /// One name, or what is one thing, stands where it is at the floor.
     fn of(list: &[Trial], decision: &Decision, options: &ClaimOptions) -> Self {
         let pair = decision.second.as_ref().zip(decision.answer.first());
-        if pair.is_some_and(|(second, &first)| !are_one(list[first].name(), second.name)) {
-            return Self {
-                tried_above: 0.0,
-                clearly: false,
-                held_out_fall: 0.0,
-            };
-        }
+        let of_pair =
+            pair.is_some_and(|(second, &first)| !are_one(list[first].name(), second.name));
+        let floor = options.reached_floors * options.floor;
         Self {
-            tried_above: options.reached_floors * options.floor,
-            clearly: true,
-            held_out_fall: options.held_out_fall_min,
+            tried_above: if of_pair { 0.0 } else { floor },
+            of_pair,
         }
     }
 
-    /// Held-out events speak as well: a form follows many things that it was fitted to.
+    /// One name gives way to a form that is better by more than the events tell apart, and by as much as a claim needs, in the
+    /// criterion and on held-out events: a form follows many things that it was fitted to. Two names give way to one form that
+    /// the events do not tell from them: two effects that cancel each other imitate most things.
     fn is_cleared(
         &self,
         case: &Case<'_>,
@@ -145,14 +139,16 @@ impl Bar {
         let squares: f64 = form.squares.iter().sum();
         let gain = base.baseline.all.criterion() - form.criterion();
         let told = told_apart(form.chi_square_per_row(), squares, gain, options);
-        let told = if self.clearly { told } else { 0.0 };
-        if form.criterion() >= named.criterion() - told.max(options.delta_bic_min) {
-            return false;
-        }
-        match (evidence.gate, case.gate_misfit(named)) {
-            (Some(gate), Some(of_named)) => gate.after <= (1.0 - self.held_out_fall) * of_named,
+        let (criterion, held_out) = if self.of_pair {
+            (told, options.held_out_fall_min)
+        } else {
+            (-told.max(options.delta_bic_min), -options.held_out_fall_min)
+        };
+        let foretells = match (evidence.gate, case.gate_misfit(named)) {
+            (Some(gate), Some(of_named)) => gate.after <= (1.0 + held_out) * of_named,
             _ => true,
-        }
+        };
+        form.criterion() <= named.criterion() + criterion && foretells
     }
 }
 

@@ -93,7 +93,14 @@ pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Identific
     if let Some(with) = &accompanied
         && decision.status != Status::CannotJudge
     {
-        let judged = if decision.answer.is_empty() {
+        let judged = if decision.form.is_some() {
+            // What explains more than every effect beside the companions is no stand-in for one.
+            Judged {
+                asked,
+                list,
+                decision,
+            }
+        } else if decision.answer.is_empty() {
             by_themselves(case, with, asked, list, decision)?
         } else {
             or_a_rival(case, asked, list, decision)?
