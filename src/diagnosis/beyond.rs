@@ -47,8 +47,9 @@ pub(super) fn beyond_the_catalogue(
         return Ok(decision);
     }
     let mut reasons = decision.reasons;
+    let how = if bar.of_pair { "as much" } else { "more" };
     reasons.push(format!(
-        "a general form that is no effect of the catalogue explains more: with {} ({}) it is {:.2} per sample",
+        "a general form that is no effect of the catalogue explains {how}: with {} ({}) it is {:.2} per sample",
         form.declaration.name,
         lower_first(form.declaration.title),
         evidence.chi_square_after
