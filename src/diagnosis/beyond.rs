@@ -41,7 +41,18 @@ pub(super) fn beyond_the_catalogue(
         let mut known = known.map(ComposedFit::criterion);
         known.all(|criterion| fit.criterion() <= criterion)
     } else {
-        bar.is_cleared(case, base, (&evidence, &fit), named)
+        let squares: f64 = fit.squares.iter().sum();
+        let gain = base.baseline.all.criterion() - fit.criterion();
+        let told = told_apart(fit.chi_square_per_row(), squares, gain, options);
+        let by_form = Figures {
+            criterion: fit.criterion(),
+            held_out: evidence.gate.map(|gate| gate.after),
+        };
+        let by_names = Figures {
+            criterion: named.criterion(),
+            held_out: case.gate_misfit(named),
+        };
+        bar.is_cleared(by_form, by_names, told, options)
     };
     if !explains_more {
         return Ok(decision);
@@ -86,13 +97,7 @@ fn best_form(
 ) -> Result<Option<(Trial, Evidence, ComposedFit)>, IdentificationError> {
     let names: Vec<&'static str> = (general_forms::all().iter())
         .map(|form| form.declaration().name)
-        .filter(|name| {
-            !case
-                .options
-                .excluded
-                .iter()
-                .any(|excluded| excluded == name)
-        })
+        .filter(|name| !case.options.excluded.iter().any(|x| x == name))
         .filter(|name| base.baseline.structure.with(name).is_ok())
         .collect();
     let (_, forms) = trials(case, base.clone(), &names, Goal::Claim)?;
@@ -126,31 +131,27 @@ impl Bar {
         }
     }
 
-    /// One name gives way to a form that is better by more than the events tell apart, and by as much as a claim needs, in the
-    /// criterion and on held-out events: a form follows many things that it was fitted to. Two names give way to one form that
-    /// the events do not tell from them: two effects that cancel each other imitate most things.
-    fn is_cleared(
-        &self,
-        case: &Case<'_>,
-        base: &Fitted,
-        (evidence, form): (&Evidence, &ComposedFit),
-        named: &ComposedFit,
-    ) -> bool {
-        let options = &case.options.claim;
-        let squares: f64 = form.squares.iter().sum();
-        let gain = base.baseline.all.criterion() - form.criterion();
-        let told = told_apart(form.chi_square_per_row(), squares, gain, options);
+    /// One name gives way to a form that is better by more than the events tell apart (`told`), and by as much as a claim needs,
+    /// in the criterion and on held-out events: a form follows many things that it was fitted to. Two names give way to one form
+    /// that the events do not tell from them: two effects that cancel each other imitate most things.
+    fn is_cleared(&self, form: Figures, names: Figures, told: f64, options: &ClaimOptions) -> bool {
         let (criterion, held_out) = if self.of_pair {
             (told, options.held_out_fall_min)
         } else {
             (-told.max(options.delta_bic_min), -options.held_out_fall_min)
         };
-        let foretells = match (evidence.gate, case.gate_misfit(named)) {
-            (Some(gate), Some(of_named)) => gate.after <= (1.0 + held_out) * of_named,
-            _ => true,
-        };
-        form.criterion() <= named.criterion() + criterion && foretells
+        let foretold = form.held_out.zip(names.held_out);
+        form.criterion <= names.criterion + criterion
+            && foretold.is_none_or(|(form, names)| form <= (1.0 + held_out) * names)
     }
+}
+
+/// What speaks for a form, or for names.
+#[derive(Clone, Copy)]
+struct Figures {
+    criterion: f64,
+    /// Weighted squares per sample of the held-out events; none without any.
+    held_out: Option<f64>,
 }
 
 fn told(
@@ -192,7 +193,51 @@ fn lower_first(title: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::lower_first;
+    use super::*;
+
+    const fn figures(criterion: f64, held_out: f64) -> Figures {
+        Figures {
+            criterion,
+            held_out: Some(held_out),
+        }
+    }
+
+    #[test]
+    fn one_name_gives_way_to_what_is_clearly_better_on_all_events() {
+        let options = ClaimOptions::default();
+        let bar = Bar {
+            tried_above: 0.9,
+            of_pair: false,
+        };
+        let named = figures(5000.0, 1.0);
+        let clears = |form, told| bar.is_cleared(form, named, told, &options);
+        assert!(clears(figures(4500.0, 0.8), 400.0));
+        assert!(!clears(figures(4500.0, 0.8), 600.0), "not told apart");
+        assert!(
+            !clears(figures(4980.0, 0.8), 0.0),
+            "less than a claim needs"
+        );
+        assert!(!clears(figures(4500.0, 0.95), 400.0), "foretells no better");
+        let ungated = Figures {
+            held_out: None,
+            ..figures(4500.0, 0.0)
+        };
+        assert!(clears(ungated, 400.0));
+    }
+
+    #[test]
+    fn two_names_give_way_to_one_form_that_is_as_good() {
+        let options = ClaimOptions::default();
+        let bar = Bar {
+            tried_above: 0.0,
+            of_pair: true,
+        };
+        let named = figures(5000.0, 1.0);
+        let clears = |form| bar.is_cleared(form, named, 100.0, &options);
+        assert!(clears(figures(5060.0, 1.01)) && clears(figures(4000.0, 0.5)));
+        assert!(!clears(figures(5200.0, 1.0)), "told apart");
+        assert!(!clears(figures(5060.0, 1.2)), "foretells less");
+    }
 
     #[test]
     fn a_title_goes_on_within_a_sentence() {
