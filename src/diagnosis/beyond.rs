@@ -154,6 +154,7 @@ struct Figures {
     held_out: Option<f64>,
 }
 
+/// A form as it is told, narrowed as what is published.
 fn told(
     case: &Case<'_>,
     form: &Trial,
@@ -169,6 +170,7 @@ fn told(
             .find(|p| p.name.rsplit('.').next() == Some(own));
         of_name.map(|p| p.value)
     };
+    // Whatever a fit may end at can be written: a test of the forms.
     let effect_file = general_forms::with_values(name, &value).ok().flatten()?;
     Some(GeneralForm {
         name: name.to_owned(),

@@ -116,6 +116,23 @@ mod tests {
     }
 
     #[test]
+    fn whatever_a_fit_may_end_at_can_be_written() {
+        for form in all() {
+            let declaration = form.declaration();
+            for corner in 0..1_usize << declaration.parameters.len() {
+                let value = |own: &str| {
+                    let mut listed = declaration.parameters.iter().enumerate();
+                    let (place, p) = listed.find(|(_, p)| p.name == own)?;
+                    let upper = corner >> place & 1 == 1;
+                    Some(if upper { p.upper } else { p.lower })
+                };
+                let written = with_values(declaration.name, &value);
+                assert!(matches!(written, Ok(Some(_))), "{corner:b}: {written:?}");
+            }
+        }
+    }
+
+    #[test]
     fn a_file_of_fitted_values_is_an_effect_of_its_own() {
         let value = |name: &str| match name {
             "active_gain" => Some(-0.0),
