@@ -33,7 +33,8 @@ pub(super) fn beyond_the_catalogue(
     if named.chi_square_per_row() < bar.tried_above {
         return Ok(decision);
     }
-    let Some((form, evidence, fit)) = best_form(case, base)? else {
+    let below = of_use_below(list, named, &decision, &bar, options);
+    let Some((form, evidence, fit)) = best_form(case, base, below)? else {
         return Ok(decision);
     };
     let explains_more = if decision.status == Status::UnknownEffect {
@@ -90,17 +91,45 @@ fn explained_by<'f>(
     }
 }
 
-/// The general form with the lowest criterion of those that might be claimed as an effect might.
+/// A criterion counts what is left and what it took to get there, so that a fit with a lower one may leave a little more.
+const LEFT_MORE: f64 = 1.05;
+
+/// Weighted squares above which a form cannot take a decision back: it must come down to what explains most (`named`, or
+/// all that was tried where nothing does), and beside two names to what events tell from it.
+fn of_use_below(
+    list: &[Trial],
+    named: &ComposedFit,
+    decision: &Decision,
+    bar: &Bar,
+    options: &ClaimOptions,
+) -> f64 {
+    let squares = |fit: &ComposedFit| fit.squares.iter().sum::<f64>();
+    let left = squares(named);
+    if decision.status == Status::UnknownEffect {
+        let known = list.iter().filter_map(|trial| trial.fit.as_ref());
+        return LEFT_MORE * known.map(squares).fold(left, f64::min);
+    }
+    let told = if bar.of_pair {
+        told_apart(named.chi_square_per_row(), left, f64::INFINITY, options)
+    } else {
+        0.0
+    };
+    LEFT_MORE * (left + told)
+}
+
+/// The general form with the lowest criterion of those that might be claimed as an effect might; what cannot come below so
+/// many weighted squares is given up.
 fn best_form(
     case: &Case<'_>,
     base: &Fitted,
+    below: f64,
 ) -> Result<Option<(Trial, Evidence, ComposedFit)>, IdentificationError> {
     let names: Vec<&'static str> = (general_forms::all().iter())
         .map(|form| form.declaration().name)
         .filter(|name| !case.options.excluded.iter().any(|x| x == name))
         .filter(|name| base.baseline.structure.with(name).is_ok())
         .collect();
-    let (_, forms) = trials(case, base.clone(), &names, Goal::Claim)?;
+    let (_, forms) = trials(case, base.clone(), &names, Goal::Below(below))?;
     let claimable = |mut trial: Trial| {
         let evidence = trial.evidence.clone()?;
         let fit = trial.fit.take()?;

@@ -5,11 +5,12 @@ use super::{
     case::Case,
     claim::{reached_below, shows_no_part, told_apart},
     evidence::{Evidence, GateEvidence, is_refused_by_gate_alone, objections},
+    further_starts::{from_other_motors, rivals_from_the_best, with_the_motor_of_another},
 };
 use crate::{
     identification::{
         IdentificationError, ParameterEstimate,
-        composed::{self, Baseline, ComposedFit, Ground, Score, Screened, has_no_motor},
+        composed::{self, Baseline, ComposedFit, Ground, Score, Screened},
         composed_parameters,
     },
     load_model::{
@@ -29,17 +30,12 @@ const FAR_PER_ROW: f64 = 10.0;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
 
-/// An effect that leaves less than this share of the misfit says where everything else belongs.
-const RIVALS_BELOW: f64 = 0.5;
-/// Rivals that are sketched again from there, at most.
-const RIVALS_MAX: usize = 3;
-
 /// Effects that gain at least this share of what the best one gains are fitted to the end.
 const REFINED_SHARE: f64 = 0.4;
 /// So many of them at most, the best sketches first ...
 const REFINED_MAX: usize = 5;
 /// ... and, once the events are followed (less than this per row), ...
-const FOLLOWED: f64 = 2.0;
+pub(super) const FOLLOWED: f64 = 2.0;
 /// ... none whose sketch leaves more than this many times what the best one leaves.
 const BEATEN: f64 = 10.0;
 
@@ -176,6 +172,7 @@ fn tried(
     refine(case, base, goal, &mut list)?;
     with_the_motor_of_another(case, base, goal, &mut list)?;
     rivals_from_the_best(case, base, goal, &mut list)?;
+    from_other_motors(case, base, goal, &mut list)?;
     refine(case, base, goal, &mut list)?;
     list.sort_by(|a, b| {
         let by_criterion = a.delta_bic().total_cmp(&b.delta_bic());
@@ -187,22 +184,25 @@ fn tried(
 }
 
 /// What effects are tried for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub(super) enum Goal {
     /// To say which is missing, and what comes near it.
     Claim,
     /// To find one that explains what is left: others are of no use.
     Reach,
+    /// To find one that leaves less than so many weighted squares.
+    Below(f64),
 }
 
 /// Weighted squares that an effect must come down to for its goal, whatever else speaks for it.
-fn wanted(case: &Case<'_>, base: &Fitted, goal: Goal) -> f64 {
+pub(super) fn wanted(case: &Case<'_>, base: &Fitted, goal: Goal) -> f64 {
     let claim = &case.options.claim;
     let before: f64 = base.baseline.all.squares.iter().sum();
     let rows = base.baseline.all.rows as f64;
     let reach = match goal {
         Goal::Claim => f64::INFINITY,
         Goal::Reach => rows * reached_below(base.chi_square(), claim),
+        Goal::Below(squares) => squares,
     };
     let share = [
         claim.fall_min,
@@ -235,7 +235,7 @@ fn wanted_beside(case: &Case<'_>, base: &Fitted, other: &ComposedFit) -> f64 {
 }
 
 /// The same beside all that were tried.
-fn wanted_beside_all(case: &Case<'_>, base: &Fitted, goal: Goal, list: &[Trial]) -> f64 {
+pub(super) fn wanted_beside_all(case: &Case<'_>, base: &Fitted, goal: Goal, list: &[Trial]) -> f64 {
     let fits = list.iter().filter_map(|trial| trial.fit.as_ref());
     let beside = fits.map(|fit| wanted_beside(case, base, fit));
     beside.fold(wanted(case, base, goal), f64::min)
@@ -310,117 +310,6 @@ fn screened(
     }
     list.sort_by(|a, b| b.0.score.gain.total_cmp(&a.0.score.gain));
     Ok(list.into_iter().unzip())
-}
-
-/// Where an effect with a threshold is ahead, others that have one are sketched once more with everything
-/// else as it has it: before the threshold's effect is in the model, all else is bent to make up for it, and
-/// from there not each of them finds its way.
-fn rivals_from_the_best(
-    case: &Case<'_>,
-    base: &Fitted,
-    goal: Goal,
-    list: &mut [Trial],
-) -> Result<(), IdentificationError> {
-    let options = &case.options.composed;
-    let cancel = case.watcher.cancel;
-    let has_threshold = |trial: &Trial| {
-        let effect = effects::find(trial.name());
-        effect.is_some_and(|e| e.threshold().is_some())
-    };
-    let order = by_criterion(list);
-    let Some(&best) = order.first() else {
-        return Ok(());
-    };
-    let Some(fit) = list[best].fit.as_ref().filter(|fit| {
-        let left = fit.chi_square_per_row() / base.chi_square();
-        left < RIVALS_BELOW && has_threshold(&list[best])
-    }) else {
-        return Ok(());
-    };
-    let Some(origin) = (base.baseline).with_values_of(&case.judged, fit, options, cancel) else {
-        return Ok(());
-    };
-    let rivals = order.into_iter().skip(1);
-    let rivals: Vec<usize> = rivals
-        .filter(|place| has_threshold(&list[*place]))
-        .take(RIVALS_MAX)
-        .collect();
-    let wanted = wanted_beside_all(case, base, goal, list);
-    let is_rival = |(place, trial)| rivals.contains(&place).then_some(trial);
-    let rivals = list.iter_mut().enumerate().filter_map(is_rival);
-    sketched_again(case, base, &origin, wanted, rivals)
-}
-
-/// Where the best effect follows the events without the motor, it is sketched once more with everything else as the
-/// best other effect has it that needs one: a motor given up for what was missing does not come back by itself.
-fn with_the_motor_of_another(
-    case: &Case<'_>,
-    base: &Fitted,
-    goal: Goal,
-    list: &mut [Trial],
-) -> Result<(), IdentificationError> {
-    let options = &case.options.composed;
-    let order = by_criterion(list);
-    let without = |place: &usize| list[*place].fit.as_ref().is_none_or(has_no_motor);
-    let Some(&best) = order.first().filter(|place| without(place)) else {
-        return Ok(());
-    };
-    let other = order.iter().find(|place| !without(place));
-    let origin = other.and_then(|&place| {
-        let fit = list[place].fit.as_ref()?;
-        (base.baseline).with_values_of(&case.judged, fit, options, case.watcher.cancel)
-    });
-    let wanted = wanted(case, base, goal);
-    origin.map_or(Ok(()), |origin| {
-        sketched_again(case, base, &origin, wanted, [&mut list[best]])
-    })
-}
-
-/// The places of trials that have a fit, best criterion first.
-fn by_criterion(list: &[Trial]) -> Vec<usize> {
-    let criterion = |trial: &Trial| trial.fit.as_ref().map(ComposedFit::criterion);
-    let mut order: Vec<(usize, f64)> = (list.iter().enumerate())
-        .filter_map(|(place, trial)| Some((place, criterion(trial)?)))
-        .collect();
-    order.sort_by(|a, b| a.1.total_cmp(&b.1));
-    order.into_iter().map(|(place, _)| place).collect()
-}
-
-/// Sketches effects from another fit of the structure; what ends lower takes the place of what is known.
-fn sketched_again<'t>(
-    case: &Case<'_>,
-    base: &Fitted,
-    origin: &ComposedFit,
-    wanted: f64,
-    trials: impl IntoIterator<Item = &'t mut Trial>,
-) -> Result<(), IdentificationError> {
-    let origins = [origin];
-    let structure = &base.baseline.structure;
-    let options = &case.options.composed;
-    let ground = Ground::new(
-        &case.judged,
-        structure,
-        &origins,
-        options,
-        case.watcher.cancel,
-    );
-    for trial in trials {
-        case.watcher
-            .says(format!("trying {} again", trial.name()), 0, 1);
-        let found = base
-            .baseline
-            .sketched(&ground, &ground.screen(trial.name())?, wanted);
-        case.watcher.check()?;
-        let known = trial
-            .fit
-            .as_ref()
-            .map_or(f64::INFINITY, ComposedFit::criterion);
-        if let Some(found) = found.filter(|found| found.criterion() < known) {
-            trial.fit = Some(found);
-            trial.evidence = None;
-        }
-    }
-    Ok(())
 }
 
 /// Fits the sketches that come near the best one to the end, and gathers what speaks for each; where that is

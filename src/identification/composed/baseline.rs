@@ -41,6 +41,10 @@ const NO_MOTOR: f64 = 1e-3;
 const STATIC_LAG_S: f64 = 0.002;
 /// Below this rate no sample near a jump tells a lag of milliseconds from when the voltage jumped: there is none.
 const STATIC_LAG_RATE_FPS: f64 = 45.0;
+/// Motors of every kind: ordinary ones have 10 to 100 1/s, 200 to 5,000 1/s^2 and 0.1 to 0.9.
+const MOTORS_ALPHA_PER_S: [f64; 2] = [20.0, 60.0];
+const MOTORS_NU_PER_S2: [f64; 3] = [300.0, 1000.0, 3000.0];
+const MOTORS_KAPPA: [f64; 3] = [0.25, 0.5, 0.75];
 /// Place of kappa in a model's vector.
 const KAPPA: usize = 2;
 /// Place of the motor's share.
@@ -127,10 +131,35 @@ impl Baseline {
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Ground<'a> {
         let ground = Ground::new(events, &self.structure, &self.origins(), options, cancel);
-        match &self.ordinary {
-            Some(ordinary) => ground.and_from(ordinary),
-            None => ground,
+        ground.and_from(&self.ordinary)
+    }
+
+    /// Ordinary loads with motors of every kind, not fitted, everything else as in [`Self::ordinary`]: none where nothing
+    /// seems to be missing. A motor that was fitted without what is missing may be of another kind than the load's, and so may
+    /// be the one that is typical.
+    #[must_use]
+    pub fn motors_of_every_kind(
+        &self,
+        events: &[PreparedEvent],
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Vec<ComposedFit> {
+        let Some(ordinary) = &self.ordinary else {
+            return Vec::new();
+        };
+        let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+        let mut loads = Vec::new();
+        for alpha_per_s in MOTORS_ALPHA_PER_S {
+            for nu_per_s2 in MOTORS_NU_PER_S2 {
+                for kappa in MOTORS_KAPPA {
+                    let mut values = ordinary.parameters.clone();
+                    values[..=KAPPA].copy_from_slice(&[alpha_per_s.ln(), nu_per_s2.ln(), kappa]);
+                    let (model, free) = (&ordinary.model, &ordinary.free);
+                    loads.extend(unfitted(&rows, model, &values, free, options, cancel));
+                }
+            }
         }
+        loads
     }
 
     /// A coarse fit with one more effect to all events, from both origins: enough to compare it with

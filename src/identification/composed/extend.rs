@@ -3,6 +3,7 @@
 
 use super::{
     base::Base,
+    candidates::{distinct, promises},
     fit::{ComposedFit, ComposedFitOptions, ROUGH_ABOVE, approached, fit_rows, unfitted},
     refine::refine_rows,
     rows::EventRows,
@@ -27,6 +28,8 @@ const SHRINKING: [f64; 3] = [1.0, 0.4, 0.1];
 /// A start that leaves more than this multiple of what the best one leaves, the effect fitted alone, is
 /// not fitted any further.
 const STAGED_LEFT_MAX: f64 = 2.0;
+/// The same among starts at loads that were not fitted.
+const UNFITTED_LEFT_MAX: f64 = 4.0;
 /// An effect whose best start is so many times as far as what is wanted, in the screen and fitted alone, is not looked
 /// at any further: screens and refits were up to 20 times apart.
 const OUT_OF_QUESTION: f64 = 50.0;
@@ -39,16 +42,8 @@ const ENDED_MAX: usize = 2;
 const HANDICAP: f64 = 1.25;
 /// Calls of the objective with which the effect alone is brought near its optimum.
 const FIRST_STAGE_EVALUATIONS: u64 = 10;
-/// Candidates that leave more than this multiple of what the best one leaves are not refitted.
-const LEFT_MAX: f64 = 1.5;
 /// Standard errors below this share of the prior's deviation come from the data.
 const DETERMINED: f64 = 0.7;
-/// Candidates whose gains differ by less than this share, and whose amplitudes do too, are one.
-const ALIKE: f64 = 1e-3;
-/// Least gain of a candidate worth a refit: two standard errors of one amplitude.
-const GAIN_MIN: f64 = 4.0;
-/// Least part of the effect that the fitted model must not be able to mimic.
-const VISIBILITY_MIN: f64 = 1e-4;
 
 /// What an effect is mistaken for is taken where that is better by this much.
 const MISTAKEN_GAIN: f64 = 1.0;
@@ -63,8 +58,8 @@ pub struct Ground<'a> {
     rows: Vec<EventRows<'a>>,
     /// With what their screens share; none where an event cannot be simulated.
     origins: Vec<(&'a ComposedFit, Option<Base>)>,
-    /// Which of them was not fitted to the events, if any.
-    unfitted: Option<usize>,
+    /// How many of them were fitted to events; those that were not come last.
+    fitted: usize,
     /// Coarse.
     options: ComposedFitOptions,
     cancel: &'a (dyn Fn() -> bool + Sync),
@@ -136,7 +131,7 @@ impl<'a> Ground<'a> {
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Self {
         let near = |fit: &&ComposedFit| fit.chi_square_per_row() < ROUGH_ABOVE;
-        let accuracy = if origins.first().is_none_or(near) {
+        let accuracy = if origins.first().is_some_and(near) {
             Accuracy::Full
         } else {
             Accuracy::Rough
@@ -148,21 +143,26 @@ impl<'a> Ground<'a> {
             events,
             structure,
             origins: origins.iter().map(with_base).collect(),
-            unfitted: None,
+            fitted: origins.len(),
             rows,
             options: options.coarse(),
             cancel,
         }
     }
 
-    /// The same, and refits begin from `ordinary` too: a load that was not fitted, so that what it leaves says
+    /// The same, and refits begin from `ordinary` too: loads that were not fitted, so that what they leave says
     /// nothing of what is missing.
     #[must_use]
-    pub(super) fn and_from(mut self, ordinary: &'a ComposedFit) -> Self {
-        let base = Base::new(&self.rows, ordinary, &self.options.scatter);
-        self.unfitted = Some(self.origins.len());
-        self.origins.push((ordinary, base));
+    pub fn and_from(mut self, ordinary: impl IntoIterator<Item = &'a ComposedFit>) -> Self {
+        for load in ordinary {
+            let base = Base::new(&self.rows, load, &self.options.scatter);
+            self.origins.push((load, base));
+        }
         self
+    }
+
+    fn is_unfitted(&self, origin: usize) -> bool {
+        origin >= self.fitted
     }
 
     fn step<'s>(&'s self, origin: usize, screened: &'s Screened) -> Step<'s> {
@@ -190,7 +190,6 @@ impl<'a> Ground<'a> {
             .map(|index| &screened.model.parameters()[index].declaration);
         let voltages = threshold.map_or_else(Vec::new, |p| thresholds(self.events, p));
         let (mut candidates, mut memories) = (Vec::new(), Vec::new());
-        let is_unfitted = |number: usize| self.unfitted == Some(number);
         for (number, (_, base)) in self.origins.iter().enumerate() {
             let memory = base.as_ref().map(|base| {
                 let step = self.step(number, &screened);
@@ -206,10 +205,10 @@ impl<'a> Ground<'a> {
         let nothing = (self.origins.iter())
             .filter_map(|(_, base)| Some(base.as_ref()?.left()))
             .fold(f64::INFINITY, f64::min);
-        candidates.retain(|(number, c)| c.left <= nothing || is_unfitted(*number));
+        candidates.retain(|(number, c)| c.left <= nothing || self.is_unfitted(*number));
         candidates.sort_by(|a, b| {
             let gain = b.1.score.gain.total_cmp(&a.1.score.gain);
-            is_unfitted(a.0).cmp(&is_unfitted(b.0)).then(gain)
+            (self.is_unfitted(a.0).cmp(&self.is_unfitted(b.0))).then(gain)
         });
         screened.candidates = candidates;
         screened.memories = memories;
@@ -258,7 +257,7 @@ impl<'a> Ground<'a> {
             let whole = start.whole;
             let fit = whole.or_else(|| step.fit(&start.parameters, &step.all(), options))?;
             // What both lead to is no better for having begun farther away.
-            let handicap = if self.unfitted == Some(start.origin) {
+            let handicap = if self.is_unfitted(start.origin) {
                 HANDICAP
             } else {
                 1.0
@@ -285,7 +284,8 @@ impl<'a> Ground<'a> {
     ) -> Starts {
         let mut staged: Vec<Start> = Vec::new();
         let sizes = screened.effect.screened_at().len();
-        let starts = STARTS.max(sizes) + usize::from(self.unfitted.is_some());
+        let unfitted = self.origins.len() - self.fitted;
+        let starts = STARTS.max(sizes) + unfitted.div_ceil(2);
         for (number, candidate) in distinct(promising, starts) {
             let known = screened.memories.get(number).and_then(Option::as_ref);
             let (Some(base), Some(memory)) = (&self.origins[number].1, known) else {
@@ -329,10 +329,21 @@ impl<'a> Ground<'a> {
 
     /// The starts that lead anywhere, nearest first: far from the events the noise alone tells which do.
     fn near(&self, screened: &Screened, mut staged: Vec<Start>) -> Vec<Start> {
-        let alone = (staged.iter().map(|start| start.left)).fold(f64::INFINITY, f64::min);
-        // An ordinary load has not yet followed.
-        let unfitted = |number: usize| self.unfitted == Some(number);
-        staged.retain(|s| unfitted(s.origin) || s.left <= STAGED_LEFT_MAX * alone);
+        let least = |starts: &[Start], unfitted: bool| {
+            let of_kind = starts
+                .iter()
+                .filter(|s| !unfitted || self.is_unfitted(s.origin));
+            of_kind.map(|s| s.left).fold(f64::INFINITY, f64::min)
+        };
+        // Ordinary loads have not yet followed.
+        let (alone, unfitted) = (least(&staged, false), least(&staged, true));
+        staged.retain(|s| {
+            if self.is_unfitted(s.origin) {
+                s.left <= UNFITTED_LEFT_MAX * unfitted
+            } else {
+                s.left <= STAGED_LEFT_MAX * alone
+            }
+        });
         let near = staged.into_iter().filter_map(|start| {
             let step = self.step(start.origin, screened);
             let (parameters, left) = step.approached(&start.parameters)?;
@@ -372,42 +383,6 @@ impl<'a> Ground<'a> {
         };
         step.include()
     }
-}
-
-/// Whether a candidate is worth a refit.
-fn promises(candidate: &Candidate) -> bool {
-    candidate.score.gain > GAIN_MIN && candidate.score.visibility > VISIBILITY_MIN
-}
-
-/// The best candidates that are not one and the same; the best of every origin is among them, for what
-/// is left of a bad fit by a linear extrapolation and what is left of a good one do not compare.
-fn distinct(mut sorted: Vec<(usize, Candidate)>, starts: usize) -> Vec<(usize, Candidate)> {
-    let mut chosen: Vec<(usize, Candidate)> = Vec::new();
-    let limit = (sorted.first()).map_or(f64::INFINITY, |(_, best)| LEFT_MAX * best.left);
-    let mut seen: Vec<usize> = Vec::new();
-    let mut first = |number: usize| {
-        let new = !seen.contains(&number);
-        if new {
-            seen.push(number);
-        }
-        new
-    };
-    let (firsts, others): (Vec<_>, Vec<_>) =
-        sorted.drain(..).partition(|(number, _)| first(*number));
-    let others = others.into_iter().filter(|(_, c)| c.left <= limit);
-    for (number, candidate) in firsts.into_iter().chain(others) {
-        let near = |a: f64, b: f64| (a - b).abs() <= ALIKE * a.abs().max(b.abs());
-        let alike = |(other, known): &(usize, Candidate)| {
-            let pairs = (known.score.amplitudes.iter()).zip(&candidate.score.amplitudes);
-            *other == number
-                && near(known.score.gain, candidate.score.gain)
-                && pairs.fold(true, |all, (a, b)| all && near(*a, *b))
-        };
-        if chosen.len() < starts && !chosen.iter().any(alike) {
-            chosen.push((number, candidate));
-        }
-    }
-    chosen
 }
 
 /// What the fits of one structure from several starts are compared by: the posterior, and half of

@@ -6,6 +6,7 @@
 
 mod base;
 mod baseline;
+mod candidates;
 mod coordinates;
 mod covariance;
 mod extend;

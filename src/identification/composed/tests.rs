@@ -541,3 +541,59 @@ fn what_an_instant_leaves_open_varies_from_event_to_event() {
     assert!(moved.elsewhere().is_empty());
     assert!(covariance(&moved).square(&change) > 2.0 * covariance(&event).square(&change));
 }
+
+/// Motors near their pull-out, half of which trip in the deepest dip and come back: fitted without that, the motor is
+/// of another kind.
+#[test]
+fn what_trips_is_found_beside_the_motor_of_its_kind() {
+    let plain = Structure::zip_im();
+    let truth = ComposedModel::new(&plain.with("motor_undervoltage_trip").unwrap());
+    let mut parameters = truth.typical();
+    parameters[..3].copy_from_slice(&[3.2, 7.2, 0.75]);
+    let own = [
+        ("share", 0.5),
+        ("trip_voltage", 0.68),
+        ("return_voltage", 0.9),
+        ("return_time_s", 0.35),
+    ];
+    for (name, value) in own {
+        let place = truth.index(&format!("motor_undervoltage_trip.{name}"));
+        parameters[place.unwrap()] = value;
+    }
+    let events = drawn_by(&truth, &parameters, &events());
+    let model = ComposedModel::new(&plain);
+    let options = ComposedFitOptions::default();
+    let all = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
+        false
+    })
+    .unwrap();
+    let base = Baseline {
+        structure: plain.clone(),
+        ordinary: Some(all.clone()),
+        all,
+        mild: None,
+    };
+    let of_every_kind = |base: &Baseline| base.motors_of_every_kind(&events, &options, &|| false);
+    let motors = of_every_kind(&base);
+    assert_eq!(motors.len(), 18);
+    let kind = |load: &super::ComposedFit| load.parameters[..3].to_vec();
+    for (place, load) in motors.iter().enumerate() {
+        let mut others = motors[..place].iter();
+        assert!(others.all(|other| kind(other) != kind(load)));
+        assert_eq!(load.parameters[3..], base.all.parameters[3..]);
+    }
+    let ground = Ground::new(&events, &plain, &[], &options, &|| false).and_from(&motors);
+    let screened = ground.screen("motor_undervoltage_trip").unwrap();
+    let found = base.sketched(&ground, &screened, f64::INFINITY).unwrap();
+    let from_the_fit = Ground::new(&events, &plain, &base.origins(), &options, &|| false);
+    let screened = from_the_fit.screen("motor_undervoltage_trip").unwrap();
+    let bent = base.sketched(&from_the_fit, &screened, f64::INFINITY);
+    let [found, bent] = [Some(found), bent].map(|fit| fit.unwrap().chi_square_per_row());
+    assert!(10.0 * found < bent, "{found} {bent}");
+
+    let content = Baseline {
+        ordinary: None,
+        ..base
+    };
+    assert!(of_every_kind(&content).is_empty());
+}
