@@ -16,8 +16,8 @@ pub(super) fn promises(candidate: &Candidate) -> bool {
     candidate.score.gain > GAIN_MIN && candidate.score.visibility > VISIBILITY_MIN
 }
 
-/// The best candidates that are not one and the same; the best of every origin is among them, for what
-/// is left of a bad fit by a linear extrapolation and what is left of a good one do not compare.
+/// At most so many `starts`: the best candidate of every origin first, for what is left of a bad fit by a linear
+/// extrapolation and what is left of a good one do not compare, then others that are not one and the same.
 pub(super) fn distinct(
     mut sorted: Vec<(usize, Candidate)>,
     starts: usize,
