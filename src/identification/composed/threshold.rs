@@ -9,8 +9,11 @@ use crate::{
     numerics::Objective,
 };
 
-/// The objective may rise by this within the interval: two standard errors.
+/// The objective may rise by this within the interval: two standard errors, ...
 const RISE: f64 = 2.0;
+/// ... or by this share of the squares that are left, if that is more: residuals last, so that what single dips prefer by
+/// less says nothing of where a threshold lies, while beyond an end of the interval another dip is reached.
+const RISE_OF_LEFT: f64 = 0.003;
 /// Step of the walk to both sides, pu.
 const STEP: f64 = 0.01;
 /// Steps at most to each side.
@@ -92,7 +95,8 @@ fn centred(step: &Step<'_>, fit: &ComposedFit) -> Option<ComposedFit> {
         moved[place] = value;
         moved
     };
-    let limit = problem.value(&x)? + RISE;
+    let left: f64 = fit.squares.iter().sum();
+    let limit = problem.value(&x)? + RISE.max(0.5 * RISE_OF_LEFT * left);
     let inside = |value: f64| problem.value(&at(value)).is_some_and(|v| v < limit);
     let reach = |direction: f64, end: f64| {
         let (mut known, mut beyond) = (x[place], None);
