@@ -5,7 +5,7 @@ use super::{
     relay_walk,
     rows::EventRows,
     screening::Step,
-    threshold::settled,
+    threshold::settled_with_others,
 };
 use crate::{
     identification::intake::PreparedEvent,
@@ -93,7 +93,7 @@ pub(super) fn refine_rows(
     if !effect.screened_at().is_empty() {
         best = of_another_size(&step, best);
     }
-    settled(&step, best)
+    settled_with_others(&step, best)
 }
 
 /// The fit, or one begun at what the effect is mistaken for: which of several sizes is right shows once all else is

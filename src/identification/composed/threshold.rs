@@ -5,7 +5,10 @@ use nalgebra::DVector;
 
 use super::{coordinates::Coordinates, fit::ComposedFit, screening::Step};
 use crate::{
-    load_model::effect::{Role, Scale},
+    load_model::{
+        effect::{Role, Scale},
+        effects,
+    },
     numerics::Objective,
 };
 
@@ -34,6 +37,23 @@ const SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 pub(super) fn settled(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
     let fit = towards_priors(step, &fit).unwrap_or(fit);
     centred(step, &fit).unwrap_or(fit)
+}
+
+/// [`settled`], and the thresholds of the structure's other effects put into their middles as well: what is added last may
+/// have been what held them at an end.
+pub(super) fn settled_with_others(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
+    let mut fit = settled(step, fit);
+    let own = step.effect.declaration().name;
+    let mut names: Vec<&str> = (step.model.parameters().iter())
+        .filter_map(|parameter| parameter.effect)
+        .filter(|name| *name != own)
+        .collect();
+    names.dedup();
+    for effect in names.into_iter().filter_map(effects::find) {
+        let other = Step { effect, ..*step };
+        fit = centred(&other, &fit).unwrap_or(fit);
+    }
+    fit
 }
 
 /// The fit with each open shape of the effect moved towards its prior's centre; `None` where no move
