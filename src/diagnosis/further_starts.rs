@@ -103,9 +103,12 @@ pub(super) fn from_other_motors(
         .filter(|place| has_threshold(&list[*place]))
         .take(FROM_OTHER_MOTORS)
         .collect();
+    if chosen.is_empty() {
+        return Ok(());
+    }
     let (options, cancel) = (&case.options.composed, case.watcher.cancel);
     let motors = (base.baseline).motors_of_every_kind(&case.judged, options, cancel);
-    if chosen.is_empty() || motors.is_empty() {
+    if motors.is_empty() {
         return Ok(());
     }
     let structure = &base.baseline.structure;

@@ -21,6 +21,8 @@ use crate::{
 };
 use nalgebra::DVector;
 
+mod thresholds;
+
 const RATE_FPS: f64 = 60.0;
 const SAMPLES: usize = 300;
 
@@ -258,36 +260,6 @@ fn residuals_that_last_make_stated_errors_larger() {
     let (white, lasting) = (largest(&white), largest(&lasting));
     assert!(white < 1.1, "{white}");
     assert!(lasting > 1.8, "{lasting}");
-}
-
-#[test]
-fn a_threshold_between_two_dips_stays_in_their_middle() {
-    const EFFECT: &str = "self_disconnection";
-    let truth = ComposedModel::new(&Structure::zip_im().with(EFFECT).unwrap());
-    let voltage = truth.index(&format!("{EFFECT}.voltage")).unwrap();
-    let dips = [0.85, 0.6, 0.75].map(|depth| {
-        let mut dip = window("dip", depth, 0.2);
-        for (k, sample) in dip.record.samples.iter_mut().enumerate() {
-            let inside = (61..73).contains(&k);
-            sample.voltage_pu = if inside { depth } else { 1.0 };
-            sample.angle_rad = if inside { -0.1 } else { 0.0 };
-        }
-        prepare(&dip, &IntakeOptions::default()).unwrap()
-    });
-    let mut parameters = truth.typical();
-    // Far from the middle, which is at 0.675.
-    parameters[voltage] = 0.73;
-    let events = drawn_by(&truth, &parameters, &dips);
-    let free: Vec<usize> = (0..truth.parameters().len()).collect();
-    let options = ComposedFitOptions::default();
-    let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
-    let wide = refine(&events, begun, EFFECT, &options, &|| false);
-    let narrow = narrowed(&events, &wide, &options, &|| false);
-    let found = narrow.parameters[voltage];
-    assert!((found - 0.675).abs() < 0.02, "{found}");
-    // A uniform distribution over 0.15 less the spread of the relays.
-    let error = narrow.standard_error(voltage).unwrap();
-    assert!((0.03..0.06).contains(&error), "{error}");
 }
 
 #[test]
@@ -540,60 +512,4 @@ fn what_an_instant_leaves_open_varies_from_event_to_event() {
     assert!(covariance(&event).square(&change) <= 1.0);
     assert!(moved.elsewhere().is_empty());
     assert!(covariance(&moved).square(&change) > 2.0 * covariance(&event).square(&change));
-}
-
-/// Motors near their pull-out, half of which trip in the deepest dip and come back: fitted without that, the motor is
-/// of another kind.
-#[test]
-fn what_trips_is_found_beside_the_motor_of_its_kind() {
-    let plain = Structure::zip_im();
-    let truth = ComposedModel::new(&plain.with("motor_undervoltage_trip").unwrap());
-    let mut parameters = truth.typical();
-    parameters[..3].copy_from_slice(&[3.2, 7.2, 0.75]);
-    let own = [
-        ("share", 0.5),
-        ("trip_voltage", 0.68),
-        ("return_voltage", 0.9),
-        ("return_time_s", 0.35),
-    ];
-    for (name, value) in own {
-        let place = truth.index(&format!("motor_undervoltage_trip.{name}"));
-        parameters[place.unwrap()] = value;
-    }
-    let events = drawn_by(&truth, &parameters, &events());
-    let model = ComposedModel::new(&plain);
-    let options = ComposedFitOptions::default();
-    let all = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
-        false
-    })
-    .unwrap();
-    let base = Baseline {
-        structure: plain.clone(),
-        ordinary: Some(all.clone()),
-        all,
-        mild: None,
-    };
-    let of_every_kind = |base: &Baseline| base.motors_of_every_kind(&events, &options, &|| false);
-    let motors = of_every_kind(&base);
-    assert_eq!(motors.len(), 18);
-    let kind = |load: &super::ComposedFit| load.parameters[..3].to_vec();
-    for (place, load) in motors.iter().enumerate() {
-        let mut others = motors[..place].iter();
-        assert!(others.all(|other| kind(other) != kind(load)));
-        assert_eq!(load.parameters[3..], base.all.parameters[3..]);
-    }
-    let ground = Ground::new(&events, &plain, &[], &options, &|| false).and_from(&motors);
-    let screened = ground.screen("motor_undervoltage_trip").unwrap();
-    let found = base.sketched(&ground, &screened, f64::INFINITY).unwrap();
-    let from_the_fit = Ground::new(&events, &plain, &base.origins(), &options, &|| false);
-    let screened = from_the_fit.screen("motor_undervoltage_trip").unwrap();
-    let bent = base.sketched(&from_the_fit, &screened, f64::INFINITY);
-    let [found, bent] = [Some(found), bent].map(|fit| fit.unwrap().chi_square_per_row());
-    assert!(10.0 * found < bent, "{found} {bent}");
-
-    let content = Baseline {
-        ordinary: None,
-        ..base
-    };
-    assert!(of_every_kind(&content).is_empty());
 }

@@ -44,12 +44,8 @@ pub(super) fn settled(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
 pub(super) fn settled_with_others(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
     let mut fit = settled(step, fit);
     let own = step.effect.declaration().name;
-    let mut names: Vec<&str> = (step.model.parameters().iter())
-        .filter_map(|parameter| parameter.effect)
-        .filter(|name| *name != own)
-        .collect();
-    names.dedup();
-    for effect in names.into_iter().filter_map(effects::find) {
+    let others = step.model.effect_names().filter(|name| *name != own);
+    for effect in others.filter_map(effects::find) {
         let other = Step { effect, ..*step };
         fit = centred(&other, &fit).unwrap_or(fit);
     }

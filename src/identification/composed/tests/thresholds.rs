@@ -1,0 +1,117 @@
+//! What acts below a voltage: where that voltage is put, and beside which motor it is found.
+
+use super::{
+    super::{Baseline, ComposedFit, ComposedFitOptions, Ground, fit, narrowed, refine},
+    FREE, drawn_by, events, window,
+};
+use crate::{
+    identification::intake::{IntakeOptions, PreparedEvent, prepare},
+    load_model::{Structure, composed::ComposedModel},
+};
+
+/// Dips to 0.85, 0.6 and 0.75, from one sample to the next.
+fn steep_dips() -> [PreparedEvent; 3] {
+    [0.85, 0.6, 0.75].map(|depth| {
+        let mut dip = window("dip", depth, 0.2);
+        for (k, sample) in dip.record.samples.iter_mut().enumerate() {
+            let inside = (61..73).contains(&k);
+            sample.voltage_pu = if inside { depth } else { 1.0 };
+            sample.angle_rad = if inside { -0.1 } else { 0.0 };
+        }
+        prepare(&dip, &IntakeOptions::default()).unwrap()
+    })
+}
+
+#[test]
+fn a_threshold_between_two_dips_stays_in_their_middle() {
+    const EFFECT: &str = "self_disconnection";
+    let truth = ComposedModel::new(&Structure::zip_im().with(EFFECT).unwrap());
+    let voltage = truth.index(&format!("{EFFECT}.voltage")).unwrap();
+    let mut parameters = truth.typical();
+    // Far from the middle, which is at 0.675.
+    parameters[voltage] = 0.73;
+    let events = drawn_by(&truth, &parameters, &steep_dips());
+    let free: Vec<usize> = (0..truth.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
+    let wide = refine(&events, begun, EFFECT, &options, &|| false);
+    let narrow = narrowed(&events, &wide, &options, &|| false);
+    let found = narrow.parameters[voltage];
+    assert!((found - 0.675).abs() < 0.02, "{found}");
+    // A uniform distribution over 0.15 less the spread of the relays.
+    let error = narrow.standard_error(voltage).unwrap();
+    assert!((0.03..0.06).contains(&error), "{error}");
+}
+
+#[test]
+fn what_is_added_later_leaves_no_threshold_at_an_end() {
+    let structure = Structure::zip_im().with("self_disconnection").unwrap();
+    let truth = ComposedModel::new(&structure.with("load_ramp").unwrap());
+    let voltage = truth.index("self_disconnection.voltage").unwrap();
+    let mut parameters = truth.typical();
+    parameters[truth.index("load_ramp.active_per_s").unwrap()] = -0.01;
+    // Far from the middle, which is at 0.675.
+    parameters[voltage] = 0.73;
+    let events = drawn_by(&truth, &parameters, &steep_dips());
+    let free: Vec<usize> = (0..truth.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
+    let found = refine(&events, begun, "load_ramp", &options, &|| false).parameters[voltage];
+    assert!((found - 0.675).abs() < 0.02, "{found}");
+}
+
+/// Motors near their pull-out, half of which trip in the deepest dip and come back: fitted without that, the motor is
+/// of another kind.
+#[test]
+fn what_trips_is_found_beside_the_motor_of_its_kind() {
+    let plain = Structure::zip_im();
+    let truth = ComposedModel::new(&plain.with("motor_undervoltage_trip").unwrap());
+    let mut parameters = truth.typical();
+    parameters[..3].copy_from_slice(&[3.2, 7.2, 0.75]);
+    let own = [
+        ("share", 0.5),
+        ("trip_voltage", 0.68),
+        ("return_voltage", 0.9),
+        ("return_time_s", 0.35),
+    ];
+    for (name, value) in own {
+        let place = truth.index(&format!("motor_undervoltage_trip.{name}"));
+        parameters[place.unwrap()] = value;
+    }
+    let events = drawn_by(&truth, &parameters, &events());
+    let model = ComposedModel::new(&plain);
+    let options = ComposedFitOptions::default();
+    let all = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
+        false
+    })
+    .unwrap();
+    let base = Baseline {
+        structure: plain.clone(),
+        ordinary: Some(all.clone()),
+        all,
+        mild: None,
+    };
+    let of_every_kind = |base: &Baseline| base.motors_of_every_kind(&events, &options, &|| false);
+    let motors = of_every_kind(&base);
+    assert_eq!(motors.len(), 18);
+    let kind = |load: &ComposedFit| load.parameters[..3].to_vec();
+    for (place, load) in motors.iter().enumerate() {
+        let mut others = motors[..place].iter();
+        assert!(others.all(|other| kind(other) != kind(load)));
+        assert_eq!(load.parameters[3..], base.all.parameters[3..]);
+    }
+    let ground = Ground::new(&events, &plain, &[], &options, &|| false).and_from(&motors);
+    let screened = ground.screen("motor_undervoltage_trip").unwrap();
+    let found = base.sketched(&ground, &screened, f64::INFINITY).unwrap();
+    let from_the_fit = Ground::new(&events, &plain, &base.origins(), &options, &|| false);
+    let screened = from_the_fit.screen("motor_undervoltage_trip").unwrap();
+    let bent = base.sketched(&from_the_fit, &screened, f64::INFINITY);
+    let [found, bent] = [Some(found), bent].map(|fit| fit.unwrap().chi_square_per_row());
+    assert!(10.0 * found < bent, "{found} {bent}");
+
+    let content = Baseline {
+        ordinary: None,
+        ..base
+    };
+    assert!(of_every_kind(&content).is_empty());
+}
