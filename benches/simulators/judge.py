@@ -42,7 +42,9 @@ def errors(step):
 def row(name, truth, found):
     first = found["diagnoses"][0]
     said = ", ".join(names(first["answer_set"])) or first["status"]
-    steps = [step["added"] for step in found["steps"] if step["added"]]
+    dropped = {name for step in found["steps"] for name in step["dropped"]}
+    added = [step["added"] for step in found["steps"] if step["added"]]
+    steps = [f"({name})" if name in dropped else name for name in added]
     cells = [name, ", ".join(truth["effects"]) or "nothing", said, ", ".join(steps) or "-"]
     cells += [errors(found["steps"][0]), errors(found["steps"][-1])]
     return "| " + " | ".join(cells) + " |"
