@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     identification::{evaluate::Curves, intake::PreparedEvent},
-    load_model::composed::ComposedModel,
+    load_model::composed::{Accuracy, ComposedModel},
     numerics::{LocalSolution, Objective, local_solver, local_solver::Termination},
 };
 
@@ -178,7 +178,23 @@ pub fn fit(
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<ComposedFit> {
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    fit_rows(&rows, model, start, free, options, cancel)
+    let coordinates = Coordinates::new(model, start, free);
+    let place = Place::new(&rows, model, &coordinates, options, cancel);
+    let mut fitting = Fitting::new(place, options, start);
+    // A sketch is so short that it may as well go the whole way by fine steps.
+    if !options.is_coarse() && fitting.left()? > APPROACHED {
+        // The way there is far longer than what rough steps miss.
+        let of = |event| EventRows::with_accuracy(event, Accuracy::Rough);
+        let rough: Vec<EventRows<'_>> = events.iter().map(of).collect();
+        let place = Place::new(&rough, model, &coordinates, options, cancel);
+        let mut roughly = Fitting::new(place, options, start);
+        if roughly.approach().is_some() {
+            fitting.x = roughly.x;
+            fitting.lowest = None;
+            fitting.evaluations += roughly.evaluations;
+        }
+    }
+    fitting.completed()
 }
 
 pub(super) fn fit_rows(
@@ -191,20 +207,7 @@ pub(super) fn fit_rows(
 ) -> Option<ComposedFit> {
     let coordinates = Coordinates::new(model, start, free);
     let place = Place::new(rows, model, &coordinates, options, cancel);
-    let mut fitting = Fitting::new(place, options, start);
-    let left = fitting.come_near()?;
-    let begun = fitting.finished()?;
-    if left > FAR {
-        return Some(begun);
-    }
-    // Renewed covariances may find the end of a round above where it began.
-    let settled = fitting.settle();
-    let most = begun.minus_twice_log_posterior();
-    let lower = |fit: &ComposedFit| fit.minus_twice_log_posterior() <= most;
-    Some(settled.filter(lower).unwrap_or(ComposedFit {
-        given_up: fitting.given_up,
-        ..begun
-    }))
+    Fitting::new(place, options, start).completed()
 }
 
 /// The first part of a fit: where the noise alone leads from a start that is far from the events, and what is
@@ -264,9 +267,26 @@ impl<'a> Fitting<'a> {
         }
     }
 
+    /// All of a fit.
+    fn completed(mut self) -> Option<ComposedFit> {
+        let left = self.come_near()?;
+        let begun = self.finished()?;
+        if left > FAR {
+            return Some(begun);
+        }
+        // Renewed covariances may find the end of a round above where it began.
+        let settled = self.settle();
+        let most = begun.minus_twice_log_posterior();
+        let lower = |fit: &ComposedFit| fit.minus_twice_log_posterior() <= most;
+        Some(settled.filter(lower).unwrap_or(ComposedFit {
+            given_up: self.given_up,
+            ..begun
+        }))
+    }
+
     /// What the start leaves per row.
     fn left(&mut self) -> Option<f64> {
-        let problem = self.place.problem(&self.x, None)?;
+        let problem = self.place.problem(&self.x, self.lowest.take())?;
         let squares: f64 = problem.known_squares()?.iter().sum();
         self.lowest = problem.into_lowest();
         let count: usize = self.place.rows.iter().map(EventRows::count).sum();

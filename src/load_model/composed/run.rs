@@ -301,15 +301,16 @@ impl<S: Pass> Simulation<'_, '_, S> {
         part: Part,
     ) {
         let own = (self.seen.as_ref()).map(|_| self.seen_phasors(constants(u), index, shares));
-        let voltage = || u.map(|[re, im]| S::constant((re * re + im * im).sqrt()));
+        let voltage = || u.map(|[re, im]| (re * re + im * im).sqrt());
         if !self.places.states.is_empty() {
             let phasor = constants(u);
             let motor_phasor = own.unwrap_or(phasor);
-            self.advance_effects(now, [phasor, motor_phasor], voltage(), duration_s, index);
+            let voltage = voltage().map(S::constant);
+            self.advance_effects(now, [phasor, motor_phasor], voltage, duration_s, index);
         }
         if part == Part::All {
             if let Some(lag) = &self.lag {
-                now.lagged = lag.advanced(now.lagged, voltage(), duration_s);
+                now.lagged = lag.advanced_measured(now.lagged, voltage(), duration_s);
             }
             let motor = &self.rest.motor;
             now.motor = match own {

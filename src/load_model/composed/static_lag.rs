@@ -1,7 +1,7 @@
 //! The lag through which the static load of a composed model sees its voltage: equations (1) and (2) of
 //! `effects::static_lag`, exact for a voltage that goes straight from the start of a step to its middle and to its end.
 
-use std::cell::Cell;
+use std::cell::RefCell;
 
 use super::{active::Pass, places::Acting};
 use crate::{
@@ -19,7 +19,7 @@ pub(super) struct StaticLag<S> {
     constant: [S; 2],
     line: [S; 2],
     /// The last half step, s, and what the lag does over it.
-    half: Cell<Option<(f64, HalfStep<S>)>>,
+    half: RefCell<Option<(f64, HalfStep<S>)>>,
 }
 
 impl<S: Pass> StaticLag<S> {
@@ -29,20 +29,30 @@ impl<S: Pass> StaticLag<S> {
             time_s: effect.equations().static_lag_s(effect.parameters()),
             constant: effect.rest.static_constant,
             line: effect.rest.static_line,
-            half: Cell::new(None),
+            half: RefCell::new(None),
         }
     }
 
     /// `z` after a step over the voltages at its start, middle and end.
     pub(super) fn advanced(&self, z: S, voltage: [S; 3], duration_s: f64) -> S {
+        self.over(duration_s, |half| half.lagged(z, voltage))
+    }
+
+    /// The same where the voltages are measured.
+    pub(super) fn advanced_measured(&self, z: S, voltage: [f64; 3], duration_s: f64) -> S {
+        self.over(duration_s, |half| half.lagged_measured(z, voltage))
+    }
+
+    fn over(&self, duration_s: f64, lagged: impl Fn(&HalfStep<S>) -> S) -> S {
         let half_s = 0.5 * duration_s;
-        let known = self
-            .half
-            .get()
-            .filter(|(s, _)| s.to_bits() == half_s.to_bits());
-        let (_, half) = known.unwrap_or_else(|| (half_s, HalfStep::new(self.time_s, half_s)));
-        self.half.set(Some((half_s, half)));
-        half.lagged(z, voltage)
+        let mut last = self.half.borrow_mut();
+        match &*last {
+            Some((s, half)) if s.to_bits() == half_s.to_bits() => lagged(half),
+            _ => {
+                let (_, half) = last.insert((half_s, HalfStep::new(self.time_s, half_s)));
+                lagged(half)
+            }
+        }
     }
 
     /// What it adds to active and reactive power at a voltage.
