@@ -173,6 +173,16 @@ impl<const PAIRS: usize> Sensitivities<PAIRS> {
         whole
     }
 
+    /// The same without the last two derivatives.
+    #[inline(always)]
+    #[must_use]
+    pub fn without_last_pair(mut self) -> Self {
+        if let Some(last) = self.pairs.last_mut() {
+            *last = Pair::new([0.0; 2]);
+        }
+        self
+    }
+
     /// All derivatives in order.
     pub fn derivatives(&self) -> impl Iterator<Item = f64> {
         self.pairs.iter().flat_map(|pair| pair.numbers())

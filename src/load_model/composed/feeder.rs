@@ -17,10 +17,7 @@
 //! `dx = (1 - dg/dx)^-1 dg/dp` (3).
 
 use super::{complex, motor::Motor};
-use crate::{
-    load_model::effect::LANES,
-    numerics::{Elementary, Sensitivities},
-};
+use crate::numerics::{Elementary, Sensitivities};
 
 /// Constants of the feeder.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,15 +60,22 @@ const SECANT_STEPS_MAX: usize = 12;
 const CONVERGED: f64 = 1e-13;
 /// Steps as short as this say nothing of the matrix.
 const SECANT_STEP_MIN: f64 = 1e-10;
-/// Derivatives of a [`Sensitivities`] that (3) needs for itself: the last ones.
+/// Derivatives of a [`Sensitivities`] that (3) needs for itself in the first pass with derivatives: the last ones.
+/// Passes after it have `dg/dx` from there.
 pub(super) const PROBES: usize = 2;
+
+/// `dg/dx` at a fixed point.
+type Slopes = [[f64; 2]; 2];
 
 /// Scalars in which a fixed point of two numbers can be had with its derivatives.
 pub(super) trait Implicit: Elementary {
     /// Two numbers, and by themselves where derivatives are carried.
     fn free(pair: [f64; 2]) -> [Self; 2];
-    /// The fixed point with value `at`, given the image of [`Self::free`] numbers: (3).
-    fn fixed_point(at: [f64; 2], image: [Self; 2]) -> [Self; 2];
+    /// `dg/dx`, given the image of [`Self::free`] numbers; none where no derivatives are carried.
+    fn slopes(image: &[Self; 2]) -> Option<Slopes>;
+    /// The fixed point with value `at`, given `dg/dx` and the image of `at`, or of [`Self::free`] numbers where it is
+    /// `probed`: (3).
+    fn fixed_point(at: [f64; 2], image: [Self; 2], slopes: &Slopes, probed: bool) -> [Self; 2];
 }
 
 impl Implicit for f64 {
@@ -79,7 +83,11 @@ impl Implicit for f64 {
         pair
     }
 
-    fn fixed_point(at: [f64; 2], _image: [Self; 2]) -> [Self; 2] {
+    fn slopes(_image: &[Self; 2]) -> Option<Slopes> {
+        None
+    }
+
+    fn fixed_point(at: [f64; 2], _image: [Self; 2], _slopes: &Slopes, _probed: bool) -> [Self; 2] {
         at
     }
 }
@@ -93,28 +101,29 @@ impl<const PAIRS: usize> Implicit for Sensitivities<PAIRS> {
         ]
     }
 
-    fn fixed_point(at: [f64; 2], image: [Self; 2]) -> [Self; 2] {
+    #[inline]
+    fn slopes(image: &[Self; 2]) -> Option<Slopes> {
         let by = |i: usize, j: usize| image[i].derivative(Self::COUNT - PROBES + j);
-        let (a, b) = (1.0 - by(0, 0), -by(0, 1));
-        let (c, d) = (-by(1, 0), 1.0 - by(1, 1));
+        Some([[by(0, 0), by(0, 1)], [by(1, 0), by(1, 1)]])
+    }
+
+    fn fixed_point(at: [f64; 2], image: [Self; 2], slopes: &Slopes, probed: bool) -> [Self; 2] {
+        let [[xx, xy], [yx, yy]] = *slopes;
+        let (a, b) = (1.0 - xx, -xy);
+        let (c, d) = (-yx, 1.0 - yy);
         let scale = 1.0 / (a * d - b * c);
-        let of = |part: fn([f64; 4], f64, f64) -> f64| -> [f64; LANES] {
-            std::array::from_fn(|lane| {
-                if lane + PROBES < Self::COUNT {
-                    let (x, y) = (image[0].derivative(lane), image[1].derivative(lane));
-                    part([a, b, c, d], x, y) * scale
-                } else {
-                    0.0
-                }
-            })
+        let [x, y] = image;
+        let with_value = |value: f64, mut number: Self| {
+            number.value = value;
+            if probed {
+                number.without_last_pair()
+            } else {
+                number
+            }
         };
-        let derivatives = [
-            of(|[_, b, _, d], x, y| d * x - b * y),
-            of(|[a, _, c, _], x, y| a * y - c * x),
-        ];
         [
-            Self::new(at[0], &derivatives[0]),
-            Self::new(at[1], &derivatives[1]),
+            with_value(at[0], (x * d + y * -b) * scale),
+            with_value(at[1], (y * a + x * -c) * scale),
         ]
     }
 }
@@ -124,6 +133,15 @@ impl<const PAIRS: usize> Implicit for Sensitivities<PAIRS> {
 pub(super) struct Solution {
     at: [f64; 2],
     next: [f64; 2],
+    /// `dg/dx` at the last point, once a pass has carried derivatives.
+    slopes: Option<Slopes>,
+}
+
+impl Solution {
+    /// Whether a pass has carried derivatives.
+    pub(super) fn knows_slopes(&self) -> bool {
+        self.slopes.is_some()
+    }
 }
 
 /// Broyden's matrix: what a step is, given how far the image is from its point.
@@ -213,7 +231,7 @@ impl<S: Implicit> Network<S> {
         let mut before: Option<([f64; 2], [f64; 2])> = None;
         let mut close = false;
         for count in 0..STEPS_MAX {
-            let image = self.image(u, at, &load);
+            let image = self.image(u, S::free(at), &load);
             let ahead = [image[0].value() - at[0], image[1].value() - at[1]];
             if count >= SECANT_STEPS_MAX {
                 *secant = Secant::PLAIN;
@@ -227,8 +245,12 @@ impl<S: Implicit> Network<S> {
             let step = secant.times(ahead);
             let next = complex::sum(at, step);
             if close {
-                let solution = Solution { at, next };
-                return Some((solution, self.own_phasor(&solution, image)));
+                let solution = Solution {
+                    at,
+                    next,
+                    slopes: None,
+                };
+                return Some(self.settled(solution, image, true));
             }
             at = next;
             let square = complex::square(step);
@@ -242,25 +264,35 @@ impl<S: Implicit> Network<S> {
         None
     }
 
-    /// The phasor of a solution whose values are known.
+    /// A solution whose values are known, and its phasor.
     pub(super) fn known(
         &self,
         u: [S; 2],
         solution: &Solution,
         load: impl Fn([S; 2]) -> [S; 2],
-    ) -> [S; 2] {
-        self.own_phasor(solution, self.image(u, solution.at, &load))
+    ) -> (Solution, [S; 2]) {
+        let probed = !solution.knows_slopes();
+        let at = if probed {
+            S::free(solution.at)
+        } else {
+            complex::constant(solution.at)
+        };
+        let image = self.image(u, at, &load);
+        self.settled(*solution, image, probed)
     }
 
+    /// A solution that knows its slopes unless it is `probed`, and its phasor, given the image of its point.
     #[inline]
-    fn own_phasor(&self, solution: &Solution, image: [S; 2]) -> [S; 2] {
-        complex::quotient(S::fixed_point(solution.next, image), self.rest)
+    fn settled(&self, solution: Solution, image: [S; 2], probed: bool) -> (Solution, [S; 2]) {
+        let slopes = solution.slopes.or_else(|| S::slopes(&image));
+        let own = S::fixed_point(solution.next, image, &slopes.unwrap_or_default(), probed);
+        let solution = Solution { slopes, ..solution };
+        (solution, complex::quotient(own, self.rest))
     }
 
     /// `g` at a phasor of the load.
     #[inline]
-    fn image(&self, u: [S; 2], at: [f64; 2], load: &impl Fn([S; 2]) -> [S; 2]) -> [S; 2] {
-        let at = S::free(at);
+    fn image(&self, u: [S; 2], at: [S; 2], load: &impl Fn([S; 2]) -> [S; 2]) -> [S; 2] {
         let load = load(complex::quotient(at, self.rest));
         let explicit =
             complex::difference(self.current(at, load), complex::product(self.implicit, at));

@@ -28,6 +28,11 @@ impl Kept {
         }
     }
 
+    /// Whether a pass before has found how solutions at the load depend on themselves.
+    pub(super) fn knows_slopes(&self) -> bool {
+        self.solutions.first().is_some_and(Solution::knows_slopes)
+    }
+
     /// Wants the states of the effects anew, for which the motor's are there.
     pub(super) fn forget_effects(&mut self) {
         self.states = true;

@@ -301,7 +301,7 @@ impl ComposedModel {
     /// Simulates, with exact derivatives with respect to the `wanted` parameters (indices into the
     /// vector, any order). The values do not depend on what is wanted. Cost: an integration with
     /// [`Sensitivity`](super::effect::Sensitivity) for every [`LANES`] wanted parameters that act on states (all of them behind a
-    /// feeder, [`LANES`] less two at a time; without the motor where none of them acts on it), an evaluation at the output instants for every [`LANES`]
+    /// feeder, [`LANES`] less two the first time; without the motor where none of them acts on it), an evaluation at the output instants for every [`LANES`]
     /// others; one with `f64` where none acts on states.
     ///
     /// An effect whose amplitudes are all neutral takes no part in the values; where one of its
@@ -325,7 +325,6 @@ impl ComposedModel {
         );
         let Lanes {
             network,
-            width,
             inside,
             beside,
             motors,
@@ -348,14 +347,14 @@ impl ComposedModel {
         if present != acting || wanted.is_empty() {
             values = Some(plain(&present, &mut Kept::default())?);
         }
-        let mut kept = Kept::new(!beside.is_empty() || motors < inside.len().div_ceil(width));
+        let mut kept = Kept::new(!beside.is_empty() || motors < inside.len());
         // Values first where they help the derivatives, or are all that these need.
         let helps = network || motors == 0;
         if helps && !wanted.is_empty() {
             let found = plain(&acting, &mut kept)?;
             values.get_or_insert(found);
         }
-        for (number, lanes) in inside.chunks(width).enumerate() {
+        for (number, lanes) in inside.iter().enumerate() {
             let course = if number < motors {
                 Course::Integrate(&mut kept)
             } else {
@@ -389,25 +388,38 @@ impl ComposedModel {
         let network = self.is_behind_feeder(acting);
         let (mut beside, inside): (Vec<usize>, Vec<usize>) =
             (0..wanted.len()).partition(|&w| !network && self.is_beside_the_states(wanted[w]));
-        let width = if network { LANES - PROBES } else { LANES };
+        if network {
+            // The first pass carries derivatives of its own.
+            let (first, others) = inside.split_at(inside.len().min(LANES - PROBES));
+            let first = (!first.is_empty()).then(|| first.to_vec());
+            let inside: Vec<Vec<usize>> = (first
+                .into_iter()
+                .chain(others.chunks(LANES).map(<[usize]>::to_vec)))
+            .collect();
+            return Lanes {
+                network,
+                motors: inside.len(),
+                inside,
+                beside,
+            };
+        }
         // Passes without a lane that acts on the motor take its course from those with one.
         let measured = self.sees_the_measured_phasor(acting);
         let apart =
             |w: usize| measured && !self.acts_on_motor(parameters, acting, wanted[w], drive);
         let (mut lanes, others): (Vec<usize>, Vec<usize>) =
             inside.iter().partition(|w| !apart(**w));
-        let motors = lanes.len().div_ceil(width);
+        let motors = lanes.len().div_ceil(LANES);
         lanes.extend(others);
         // What an integration can carry at no cost, where that saves an evaluation.
-        let spare = lanes.len().next_multiple_of(width) - lanes.len();
+        let spare = lanes.len().next_multiple_of(LANES) - lanes.len();
         let left = beside.len().saturating_sub(spare);
         if left.div_ceil(LANES) < beside.len().div_ceil(LANES) {
             lanes.extend(beside.split_off(left));
         }
         Lanes {
             network,
-            width,
-            inside: lanes,
+            inside: lanes.chunks(LANES).map(<[usize]>::to_vec).collect(),
             beside,
             motors,
         }
@@ -484,8 +496,11 @@ impl ComposedModel {
         acting: &[usize],
         course: Course<'_>,
     ) -> Result<Sensitive, SimulationError> {
-        // Behind a feeder a pass carries derivatives of its own.
-        let alone = !self.is_behind_feeder(acting);
+        // Behind a feeder the first pass carries derivatives of its own.
+        let alone = match &course {
+            Course::Integrate(kept) if self.is_behind_feeder(acting) => kept.knows_slopes(),
+            _ => true,
+        };
         if alone && by.len() <= PairSensitivity::COUNT {
             self.sensitive_in::<1>(at, parameters, by, acting, course)
         } else {
@@ -567,10 +582,8 @@ impl ComposedModel {
 struct Lanes {
     /// Whether the load is behind a feeder.
     network: bool,
-    /// Derivatives of one integration.
-    width: usize,
-    /// By integration, those that act on the motor first.
-    inside: Vec<usize>,
+    /// By integration, one after the other, those that act on the motor first.
+    inside: Vec<Vec<usize>>,
     /// By an evaluation at the output instants.
     beside: Vec<usize>,
     /// Integrations with a derivative that acts on the motor.

@@ -68,7 +68,9 @@ pub(super) struct Now<S> {
     /// Phasor at the load over the measured one.
     ratio: [S; 2],
     secant: Secant,
-    /// Solutions at the load so far.
+    /// How often a solution at the load was looked for.
+    looked_for: usize,
+    /// Solutions that no pass before has found, or not with their slopes.
     solutions: Vec<Solution>,
 }
 
@@ -81,6 +83,7 @@ impl<S: Pass> Now<S> {
             lagged: S::constant(1.0),
             ratio: [S::constant(1.0), S::constant(0.0)],
             secant: Secant::PLAIN,
+            looked_for: 0,
             solutions: Vec::new(),
         }
     }
@@ -92,6 +95,7 @@ impl<S: Pass> Now<S> {
         self.lagged = other.lagged;
         self.ratio = other.ratio;
         self.secant = other.secant;
+        self.looked_for = other.looked_for;
         std::mem::swap(&mut self.solutions, &mut other.solutions);
     }
 }
@@ -163,7 +167,11 @@ pub(super) fn run<S: Pass>(
     let mut output = match course {
         Course::Integrate(kept) => {
             simulation.known = std::mem::take(&mut kept.solutions);
-            simulation.integrate(grid, start, kept, Part::All)?
+            let output = simulation.integrate(grid, start, kept, Part::All)?;
+            if kept.solutions.is_empty() {
+                kept.solutions = std::mem::take(&mut simulation.known);
+            }
+            output
         }
         Course::BesideMotor(kept) => simulation.integrate(grid, start, kept, Part::Beside)?,
         Course::EffectsAlone(kept) => {
@@ -361,6 +369,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
             self.advance_with(trial, measured, [first; 3], duration_s, between);
             let last = self.ratio(trial, measured[2], to)?;
             now.secant = trial.secant;
+            now.looked_for = trial.looked_for;
             std::mem::swap(&mut now.solutions, &mut trial.solutions);
             (first, last)
         } else {
@@ -444,8 +453,9 @@ impl<S: Pass> Simulation<'_, '_, S> {
         let taps = product(&self.places.taps, now, at.deviation);
         // Behind the feeder an ideal transformer: its power is the load's.
         let load = |behind: [S; 2]| self.load_power(now, complex::product(behind, taps), at);
-        let (solution, behind) = if let Some(known) = self.known.get(now.solutions.len()) {
-            (*known, network.known(sent, known, load))
+        let known = self.known.get(now.looked_for);
+        let (solution, behind) = if let Some(known) = known {
+            network.known(sent, known, load)
         } else {
             let own = complex::product(u.map(S::value), now.ratio.map(S::value));
             let guess = complex::quotient(own, taps.map(S::value));
@@ -454,7 +464,10 @@ impl<S: Pass> Simulation<'_, '_, S> {
             now.secant = secant;
             found.ok_or(SimulationError::NoLoadVoltage { output: at.index })?
         };
-        now.solutions.push(solution);
+        now.looked_for += 1;
+        if !known.is_some_and(Solution::knows_slopes) {
+            now.solutions.push(solution);
+        }
         Ok(complex::quotient(complex::product(behind, taps), u))
     }
 
