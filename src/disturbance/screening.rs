@@ -169,6 +169,8 @@ struct View {
     /// Largest distance of the frequency from that before the onset, a median over three samples; 0 where it is not
     /// known.
     frequency_change_hz: f64,
+    /// The distance that a quarter of the samples after the onset exceeds: no phase jump is so long.
+    lasting_frequency_change_hz: f64,
     before_active_pu: f64,
     active_noise_pu: f64,
     /// 2nd and 98th percentile of the active power, pu.
@@ -198,10 +200,12 @@ impl View {
         let actives: Vec<f64> = first.iter().map(|p| p.active_pu).collect();
         let voltages: Vec<f64> = first.iter().map(|p| p.voltage_pu).collect();
         let all: Vec<f64> = first.iter().chain(&after).map(|p| p.active_pu).collect();
+        let [largest_hz, lasting_hz] = frequency_changes_hz(&samples[..onset], &samples[onset..]);
         Some(Self {
             before_voltage_pu: percentile(&voltages, 0.5)?,
             voltage_noise_pu: noise_of_samples(&samples[..onset], |s| s.voltage_pu),
-            frequency_change_hz: frequency_change_hz(&samples[..onset], &samples[onset..]),
+            frequency_change_hz: largest_hz,
+            lasting_frequency_change_hz: lasting_hz,
             before_active_pu: percentile(&actives, 0.5)?,
             active_noise_pu: noise(&actives),
             active_range_pu: (percentile(&all, 0.02)?, percentile(&all, 0.98)?),
@@ -307,7 +311,11 @@ fn power(view: &View, options: &ScreeningOptions, screening: &mut Screening) {
         return;
     }
     let (explained_share, unexplained) = explained_by_voltage(view);
-    if explained_share < options.explained_share_min && unexplained > options.unexplained_power_max
+    // No feeder moves the frequency of a grid: what its relays switch then is an answer of the load.
+    let of_the_grid = view.lasting_frequency_change_hz >= options.frequency_change_min_hz;
+    if explained_share < options.explained_share_min
+        && unexplained > options.unexplained_power_max
+        && !of_the_grid
     {
         screening
             .refusals
@@ -450,8 +458,9 @@ fn noise_of_samples(samples: &[Sample], channel: impl Fn(&Sample) -> f64) -> f64
     percentile(&second.collect::<Vec<f64>>(), 0.5).unwrap_or(0.0) / MEDIAN
 }
 
-/// How far the frequency goes from that before the onset where it does so clearly; else 0.
-fn frequency_change_hz(before: &[Sample], after: &[Sample]) -> f64 {
+/// How far the frequency goes from that before the onset where it does so clearly, and how far it stays away for a
+/// quarter of the time; else 0.
+fn frequency_changes_hz(before: &[Sample], after: &[Sample]) -> [f64; 2] {
     let of = |samples: &[Sample]| -> Vec<f64> {
         let usable = samples.iter().filter(|s| s.usable());
         usable
@@ -460,16 +469,18 @@ fn frequency_change_hz(before: &[Sample], after: &[Sample]) -> f64 {
             .collect()
     };
     let Some(level_hz) = percentile(&of(before), 0.5) else {
-        return 0.0;
+        return [0.0; 2];
     };
     let far = |w: &[f64]| percentile(w, 0.5).map_or(0.0, |f| (f - level_hz).abs());
-    let change_hz = of(after).windows(3).map(far).fold(0.0, f64::max);
+    let changes_hz: Vec<f64> = of(after).windows(3).map(far).collect();
     let noise_hz = noise_of_samples(before, |s| s.frequency_hz);
-    if change_hz > STANDS_OUT * noise_hz {
+    let clear_hz = |share: f64| {
+        let change_hz = percentile(&changes_hz, share);
         change_hz
-    } else {
-        0.0
-    }
+            .filter(|change_hz| *change_hz > STANDS_OUT * noise_hz)
+            .unwrap_or(0.0)
+    };
+    [clear_hz(1.0), clear_hz(0.75)]
 }
 
 #[cfg(test)]

@@ -323,6 +323,13 @@ pub trait Declared: Debug + Send + Sync {
         None
     }
 
+    /// Names of the shapes that are deviations of the frequency at which the effect begins, below and above: settings of
+    /// relays, as a threshold is. A search tries those that the events reach, one side after the other, and not those of the
+    /// grid.
+    fn frequency_thresholds(&self) -> &'static [&'static str] {
+        &[]
+    }
+
     /// Sizes of the first amplitude at which a screen should look, where what happens at a small one says
     /// nothing of a real one (a tap changer whose steps are too small never ends). Empty: the
     /// derivative at the neutral value serves. Where of some shapes one size does nothing in an event, none does.

@@ -5,8 +5,9 @@ use super::{
     load::{Load, Part, Supply},
     parts::{
         AirConditioner, AirConditionerSettings, Behaviour, Blocks, BlocksSettings,
-        FrequencyDependence, Generation, GenerationSettings, Machine, MachineSettings, Motor,
-        Recovery, RecoverySettings, RotorBranch, Saturation, StaticLoad,
+        FrequencyDependence, FrequencyRelaySettings, FrequencyRelays, Generation,
+        GenerationSettings, Machine, MachineSettings, Motor, Recovery, RecoverySettings,
+        RotorBranch, Saturation, StaticLoad,
     },
     relay::RelaySettings,
     tap_changer::{TapChanger, TapSettings},
@@ -238,6 +239,17 @@ impl Composition<'_> {
                 let generation = Generation::new(generation(hidden), active_pu, voltage_pu);
                 self.add(name, Box::new(generation));
             }
+            Effect::FrequencyTrip => {
+                let settings = frequency_relays(hidden, self.nominal_rad_s);
+                let angle_rad = self.terminal.arg();
+                let power = if hidden.choice("what") == "load_below" {
+                    self.share(hidden)
+                } else {
+                    Phasor::new(-hidden.value("share") * self.active_pu, 0.0)
+                };
+                let relays = FrequencyRelays::new(settings, angle_rad, power);
+                self.add(name, Box::new(relays));
+            }
             Effect::SinglePhaseAcStall => {
                 let active_pu = hidden.value("share") * self.active_pu;
                 let motors = AirConditioner::new(air_conditioner(hidden), active_pu, voltage_pu);
@@ -386,6 +398,16 @@ fn generation(hidden: &HiddenEffect) -> GenerationSettings {
         ramp_s: hidden.value("ramp_s"),
         lag_s: hidden.value("lag_s"),
         current_limit: hidden.value("current_limit"),
+    }
+}
+
+fn frequency_relays(hidden: &HiddenEffect, nominal_rad_s: f64) -> FrequencyRelaySettings {
+    FrequencyRelaySettings {
+        above: hidden.choice("what") == "generation_above",
+        deviation: hidden.value("deviation"),
+        delay_s: hidden.value("delay_s"),
+        lag_s: hidden.value("lag_s"),
+        nominal_rad_s,
     }
 }
 

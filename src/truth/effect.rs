@@ -2,7 +2,7 @@
 
 use super::{Random, TruthError, effect_parameters::parameters_of};
 
-/// An effect of the catalogue. Physics first, then instruments.
+/// An effect of the catalogue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Effect {
     /// Resistance in the motors' stators.
@@ -23,6 +23,8 @@ pub enum Effect {
     ExponentialRecovery,
     /// Generation inside the load.
     DistributedGeneration,
+    /// Generation or load that leaves with the frequency.
+    FrequencyTrip,
     /// Torque that follows the speed.
     SpeedDependentTorque,
     /// An impedance before the load.
@@ -55,7 +57,7 @@ pub enum Effect {
 
 impl Effect {
     /// Every effect.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::StatorResistance,
         Self::FrequencyScaledPower,
         Self::StaticFrequencyDependence,
@@ -79,6 +81,8 @@ impl Effect {
         Self::PhasorWindow,
         Self::RatioPhaseError,
         Self::FrequencyTracking,
+        // Last: parameters are drawn by place.
+        Self::FrequencyTrip,
     ];
 
     /// Name in the catalogue, in truth files and on the command line.
@@ -94,6 +98,7 @@ impl Effect {
             Self::SelfDisconnection => "self_disconnection",
             Self::ExponentialRecovery => "exponential_recovery",
             Self::DistributedGeneration => "distributed_generation",
+            Self::FrequencyTrip => "frequency_trip",
             Self::SpeedDependentTorque => "speed_dependent_torque",
             Self::FeederImpedance => "feeder_impedance",
             Self::DoubleCageRotor => "double_cage_rotor",

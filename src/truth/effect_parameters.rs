@@ -256,6 +256,39 @@ const EXPONENTIAL_RECOVERY: &[EffectParameter] = &[
     ),
 ];
 
+const FREQUENCY_TRIP: &[EffectParameter] = &[
+    choice(
+        "what",
+        &["generation_below", "generation_above", "load_below"],
+        "what leaves, and on which side of the nominal frequency",
+    ),
+    quantity(
+        "share",
+        (0.06, 0.2),
+        SHARE,
+        "its power over the net load P0",
+    ),
+    quantity(
+        "power_factor",
+        (0.95, 1.0),
+        POWER_FACTOR,
+        "power factor of load that leaves; generation has 1",
+    ),
+    quantity(
+        "deviation",
+        (0.003, 0.007),
+        (1e-3, 0.1),
+        "deviation of the frequency, over the nominal one",
+    ),
+    quantity("delay_s", (0.06, 0.3), DELAY, "how long it must last"),
+    quantity(
+        "lag_s",
+        (0.02, 0.05),
+        (1e-3, 1.0),
+        "lag with which relays notice the frequency",
+    ),
+];
+
 const DISTRIBUTED_GENERATION: &[EffectParameter] = &[
     quantity(
         "share",
@@ -557,6 +590,7 @@ pub(super) const fn parameters_of(effect: Effect) -> &'static [EffectParameter] 
         Effect::SelfDisconnection => SELF_DISCONNECTION,
         Effect::ExponentialRecovery => EXPONENTIAL_RECOVERY,
         Effect::DistributedGeneration => DISTRIBUTED_GENERATION,
+        Effect::FrequencyTrip => FREQUENCY_TRIP,
         Effect::SpeedDependentTorque => SPEED_DEPENDENT_TORQUE,
         Effect::FeederImpedance => FEEDER_IMPEDANCE,
         Effect::DoubleCageRotor => DOUBLE_CAGE_ROTOR,

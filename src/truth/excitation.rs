@@ -72,6 +72,7 @@ impl Need {
             Effect::StaticFrequencyDependence
             | Effect::SpeedDependentTorque
             | Effect::FrequencyScaledPower
+            | Effect::FrequencyTrip
             | Effect::FrequencyTracking => Self::Frequency,
             Effect::ExponentialRecovery | Effect::TapChanger | Effect::Saturation => {
                 Self::Sustained

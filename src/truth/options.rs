@@ -323,6 +323,7 @@ fn share_of_static(hidden: &HiddenEffect) -> f64 {
         | Effect::SinglePhaseAcStall
         | Effect::DischargeLighting
         | Effect::ContactorDropout => hidden.value("share"),
+        Effect::FrequencyTrip if hidden.choice("what") == "load_below" => hidden.value("share"),
         _ => 0.0,
     }
 }
@@ -335,7 +336,8 @@ fn window_s(hidden: &HiddenEffect) -> f64 {
         Effect::SinglePhaseAcStall => 30.0,
         Effect::StaticFrequencyDependence
         | Effect::SpeedDependentTorque
-        | Effect::FrequencyScaledPower => 12.0,
+        | Effect::FrequencyScaledPower
+        | Effect::FrequencyTrip => 12.0,
         _ => 0.0,
     }
 }

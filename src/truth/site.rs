@@ -284,6 +284,10 @@ fn acts(hidden: &HiddenEffect, truth: &EventTruth) -> bool {
         Effect::LoadRamp | Effect::RatioPhaseError | Effect::FrequencyTracking => true,
         Effect::ExponentialRecovery => stays,
         Effect::Saturation => stays || deep,
+        Effect::FrequencyTrip => truth
+            .operations
+            .iter()
+            .any(|o| o.part == hidden.effect().name()),
         effect => match Need::of(hidden) {
             Need::Dips(_) | Need::Sustained => {
                 operated(hidden, &truth.operations, truth.lowest_voltage_pu)

@@ -70,6 +70,17 @@ fn values_of(site: &SyntheticSite, hidden: &HiddenEffect) -> Option<Vec<(&'stati
         Effect::DoubleCageRotor => {
             Some(cage_terms(&options.motor, hidden, motors_pu, nominal_rad_s))
         }
+        Effect::FrequencyTrip => {
+            let sign = if hidden.choice("what") == "load_below" {
+                1.0
+            } else {
+                -1.0
+            };
+            Some(vec![
+                ("share", sign * own("share")),
+                ("deviation", own("deviation")),
+            ])
+        }
         Effect::SpeedDependentTorque => Some(vec![("exponent", exponent(hidden))]),
         Effect::TapChanger => Some(vec![("feeder_reactance_pu", own("reactance_pu"))]),
         // The truth's current is ahead, the estimator's lags.

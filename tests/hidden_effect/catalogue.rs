@@ -103,6 +103,11 @@ fn a_load_that_recovers() {
 }
 
 #[test]
+fn generation_that_the_frequency_switches_off() {
+    is_named(Effect::FrequencyTrip, 1, &lasting(6));
+}
+
+#[test]
 fn generation_behind_the_meter() {
     is_named(Effect::DistributedGeneration, 1, &brief(30.0));
 }

@@ -11,6 +11,7 @@ use crate::load_model::{
     ComposedModel, Drive, Response, SimulationError, Structure, TerminalInput,
     composed::{BASE_PARAMETERS, ModelParameter},
     effect::{Needs, Role},
+    effects::find,
     structure::StructureError,
 };
 
@@ -35,6 +36,8 @@ const SLOW_DROP: f64 = 0.05;
 /// What the frequency goes to, relative to nominal, and how fast, s.
 const FREQUENCY_DEVIATION: f64 = -0.004;
 const FREQUENCY_TIME_S: f64 = 1.0;
+/// It goes to so many times the setting of a relay that it switches.
+const BEYOND_SETTING: f64 = 1.25;
 /// Noise of the refit's weights, and the share of the local range of P and Q that is added near edges:
 /// as intake has them.
 const NOISE: f64 = 1e-3;
@@ -75,7 +78,7 @@ pub enum PictureError {
 pub fn effect_residuals(effect: &str) -> Result<String, PictureError> {
     let plain = Structure::zip_im();
     let structure = plain.with(effect)?;
-    let needs = crate::load_model::effects::find(effect).map(|e| e.declaration().needs);
+    let needs = find(effect).map(|e| e.declaration().needs);
     let study = Study::new(
         ComposedModel::new(&plain),
         &ComposedModel::new(&structure),
@@ -115,11 +118,12 @@ impl Study {
         let after_s = needs.map_or(AFTER_S.0, |n| n.window_s.clamp(AFTER_S.0, AFTER_S.1));
         let highest = needs.and_then(|n| n.voltage_above);
         let parameters = shown_parameters(load);
+        let lowest = frequency_reached(load, &parameters);
         let mut dips = Vec::new();
         for (depth, ..) in DIPS {
             let input = dip(depth, after_s, highest);
             let mut dip = Dip {
-                deviation: frequency(&input),
+                deviation: frequency(&input, lowest),
                 samples: (input.output_points().iter().enumerate())
                     .filter(|(_, point)| point.is_multiple_of(POINTS))
                     .map(|(place, _)| place)
@@ -381,13 +385,24 @@ fn dip(depth: f64, after_s: f64, highest: Option<f64>) -> TerminalInput {
 }
 
 /// The frequency sinks after the onset, at every output instant.
-fn frequency(input: &TerminalInput) -> Vec<f64> {
+/// What the frequency goes to: beyond the settings of relays that it switches.
+fn frequency_reached(load: &ComposedModel, parameters: &[f64]) -> f64 {
+    let settings = load.effect_names().filter_map(find).flat_map(|effect| {
+        let own = effect.declaration().name;
+        let names = effect.frequency_thresholds().iter();
+        names.filter_map(move |name| load.index(&format!("{own}.{name}")))
+    });
+    let beyond = settings.map(|index| -BEYOND_SETTING * parameters[index]);
+    beyond.fold(FREQUENCY_DEVIATION, f64::min)
+}
+
+fn frequency(input: &TerminalInput, reached: f64) -> Vec<f64> {
     let points = input.output_points().into_iter();
     let fine_s = input.sample_interval_s / input.points_per_sample as f64;
     points
         .map(|point| {
             let since_s = (point as f64 * fine_s - ONSET_S).max(0.0);
-            FREQUENCY_DEVIATION * (1.0 - (-since_s / FREQUENCY_TIME_S).exp())
+            reached * (1.0 - (-since_s / FREQUENCY_TIME_S).exp())
         })
         .collect()
 }

@@ -178,6 +178,25 @@ fn a_load_switched_at_constant_voltage_does_not_follow_it() {
 }
 
 #[test]
+fn what_is_lost_while_the_frequency_stays_away_is_an_answer_of_the_load() {
+    let lost = |falls_by_hz: f64, for_samples: usize| {
+        changed(dip(0.01), |k, s| {
+            if k >= ONSET + 20 {
+                s.active_pu *= 0.7;
+            }
+            if (ONSET + 5..ONSET + 5 + for_samples).contains(&k) {
+                s.frequency_hz -= falls_by_hz;
+            }
+        })
+    };
+    assert!(refusals(&lost(0.3, 90)).is_empty());
+    // A phase jump, as a fault inside the load makes one, or a frequency that hardly moves.
+    for window in [lost(0.3, 5), lost(0.05, 90)] {
+        assert_eq!(refusals(&window), ["power_does_not_follow_voltage"]);
+    }
+}
+
+#[test]
 fn a_fault_inside_the_load_raises_its_power_while_the_voltage_is_low() {
     let inside = changed(dip(0.4), |k, s| {
         if (ONSET..ONSET + 10).contains(&k) {

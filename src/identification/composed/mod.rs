@@ -11,6 +11,7 @@ mod coordinates;
 mod covariance;
 mod extend;
 mod fit;
+mod frequency_levels;
 mod model;
 mod narrowed;
 mod operating_point;

@@ -64,31 +64,56 @@ pub(super) fn walk(
 ) -> At {
     let bounds = coordinates.bounds();
     let mut at = begun;
-    for (place, index) in coordinates.indices().into_iter().enumerate() {
-        let parameter = &model.parameters()[index];
-        if !is_setting(parameter) {
-            continue;
-        }
-        let mut step = match parameter.declaration.prior.scale {
-            Scale::Linear => VOLTAGE_STEP,
-            Scale::Logarithmic => DELAY_STEP,
-        };
+    for moves in moves(model, coordinates) {
+        let mut share = 1.0;
         for _ in 0..=HALVINGS {
-            for direction in [step, -step] {
+            for direction in [share, -share] {
                 for _ in 0..STEPS_MAX {
                     let mut x = at.0.clone();
-                    x[place] =
-                        (x[place] + direction).clamp(bounds.lower[place], bounds.upper[place]);
+                    for (place, step) in &moves {
+                        x[*place] = (x[*place] + direction * step)
+                            .clamp(bounds.lower[*place], bounds.upper[*place]);
+                    }
                     match problem.value(&x).filter(|value| *value < at.1) {
                         Some(value) => at = (x, value),
                         None => break,
                     }
                 }
             }
-            step *= 0.5;
+            share *= 0.5;
         }
     }
     at
+}
+
+/// Places and steps of what is moved together: every setting by itself; and of what the frequency switches two against
+/// each other, because its setting, its delay and its spread all put off the one instant that an event shows.
+fn moves(model: &ComposedModel, coordinates: &Coordinates) -> Vec<Vec<(usize, f64)>> {
+    let mut settings = Vec::new();
+    for (place, index) in coordinates.indices().into_iter().enumerate() {
+        let parameter = &model.parameters()[index];
+        if is_setting(parameter) {
+            let step = match parameter.declaration.prior.scale {
+                Scale::Linear => VOLTAGE_STEP,
+                Scale::Logarithmic => DELAY_STEP,
+            };
+            settings.push(((place, step), by_frequency(parameter)));
+        }
+    }
+    let alone = settings.iter().map(|(own, _)| vec![*own]);
+    let mut moves: Vec<Vec<(usize, f64)>> = alone.collect();
+    let mut of_frequency = settings.iter().filter(|(_, by)| *by).map(|(own, _)| *own);
+    while let Some((place, step)) = of_frequency.next() {
+        let against = of_frequency.clone();
+        moves.extend(against.map(|(other, by)| vec![(place, step), (other, -by)]));
+    }
+    moves
+}
+
+/// Whether it is a setting of an effect that the frequency switches.
+fn by_frequency(parameter: &ModelParameter) -> bool {
+    let relay = parameter.effect.and_then(effects::find);
+    relay.is_some_and(|relay| !relay.frequency_thresholds().is_empty())
 }
 
 /// `fit` with those levels of its relays that are `open` towards `other`, a fit of the same model, as they
@@ -122,11 +147,15 @@ pub fn is_bracketed(parameter: &ModelParameter) -> bool {
     effect.is_some_and(|e| e.bracketed().contains(&parameter.declaration.name))
 }
 
-/// Whether a parameter is a voltage or a delay of an effect that has a threshold, or that goes in steps.
+/// Whether a parameter is a voltage, a frequency or a delay of an effect that has a threshold, or that goes in steps.
 pub(super) fn is_setting(parameter: &ModelParameter) -> bool {
     let declared = &parameter.declaration;
-    let relay = parameter.effect.and_then(effects::find);
-    declared.role == Role::Shape
-        && (declared.reference == Reference::Voltage || declared.unit == "s")
-        && relay.is_some_and(|e| e.threshold().is_some() || !e.screened_at().is_empty())
+    let Some(relay) = parameter.effect.and_then(effects::find) else {
+        return false;
+    };
+    let frequencies = relay.frequency_thresholds();
+    let switches =
+        relay.threshold().is_some() || !relay.screened_at().is_empty() || !frequencies.is_empty();
+    let is_level = declared.reference == Reference::Voltage || frequencies.contains(&declared.name);
+    switches && declared.role == Role::Shape && (is_level || declared.unit == "s")
 }

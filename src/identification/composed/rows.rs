@@ -86,6 +86,11 @@ impl<'a> EventRows<'a> {
         Self::with_accuracy(event, Accuracy::Full)
     }
 
+    /// The event.
+    pub(super) fn event(&self) -> &'a PreparedEvent {
+        self.event
+    }
+
     pub(super) fn with_accuracy(event: &'a PreparedEvent, accuracy: Accuracy) -> Self {
         let used: Vec<usize> = (0..event.len()).filter(|&k| event.used[k]).collect();
         let both = |p: &[f64], q: &[f64]| -> Vec<f64> {

@@ -217,7 +217,7 @@ impl Step<'_> {
             nu_per_s2: neutral[1].exp(),
             kappa: neutral[2],
         };
-        self.effect.nuisance_grid(&motor)
+        self.with_frequency_levels(self.effect.nuisance_grid(&motor))
     }
 
     /// Which of the effect's shapes is its threshold.

@@ -61,7 +61,7 @@ fn window(name: &str, depth: f64, duration_s: f64) -> Window {
     }
 }
 
-fn events() -> Vec<PreparedEvent> {
+pub(super) fn events() -> Vec<PreparedEvent> {
     [("a", 0.85, 0.1), ("b", 0.6, 0.15), ("c", 0.75, 0.3)]
         .iter()
         .map(|(name, depth, duration)| {

@@ -72,7 +72,7 @@ pub(crate) fn a_dip(depth: f64, angle: f64) -> TerminalInput {
 
 fn frequency(input: &TerminalInput) -> Vec<f64> {
     let fine_s = input.sample_interval_s / input.points_per_sample as f64;
-    let slow = |i: usize| 0.004 * (1.5 * (i as f64 * fine_s - 0.5).max(0.0)).sin();
+    let slow = |i: usize| 0.012 * (1.5 * (i as f64 * fine_s - 0.5).max(0.0)).sin();
     input.output_points().into_iter().map(slow).collect()
 }
 

@@ -13,6 +13,7 @@ mod exponential_recovery;
 mod feeder_impedance;
 mod frequency_scaled_power;
 mod frequency_tracking;
+mod frequency_trip;
 mod load_ramp;
 mod low_voltage_conversion;
 mod motor_undervoltage_trip;
@@ -59,6 +60,7 @@ const CATALOGUE: &[&dyn Effect] = &[
     &electronic_load_dropout::ElectronicLoadDropout,
     &self_disconnection::SelfDisconnection,
     &distributed_generation::DistributedGeneration,
+    &frequency_trip::FrequencyTrip,
     &single_phase_ac_stall::SinglePhaseAcStall,
     &discharge_lighting::DischargeLighting,
     &exponential_recovery::ExponentialRecovery,

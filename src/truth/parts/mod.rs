@@ -3,6 +3,7 @@
 mod air_conditioner;
 mod blocks;
 mod frequency;
+mod frequency_relays;
 mod generation;
 mod machine;
 mod motor;
@@ -11,6 +12,7 @@ mod static_load;
 
 pub(super) use air_conditioner::{AirConditioner, AirConditionerSettings};
 pub(super) use blocks::{Blocks, BlocksSettings};
+pub(super) use frequency_relays::{FrequencyRelaySettings, FrequencyRelays};
 pub(super) use generation::{Behaviour, Generation, GenerationSettings};
 pub(super) use machine::{Machine, MachineSettings, RotorBranch, Saturation};
 pub(super) use motor::Motor;

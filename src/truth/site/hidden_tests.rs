@@ -143,7 +143,7 @@ fn an_effect_of_size_zero_leaves_the_plain_event() {
     let plain = options(Vec::new());
     let plan = plan(EventKind::FaultAndLineTrip, 0.6, 1.2);
     let reference = measured(&plain, &plan);
-    let neutral: [(Effect, &[(&str, &str)]); 16] = [
+    let neutral: [(Effect, &[(&str, &str)]); 17] = [
         (Effect::StatorResistance, &[("resistance_pu", "0")]),
         (
             Effect::StaticFrequencyDependence,
@@ -155,6 +155,7 @@ fn an_effect_of_size_zero_leaves_the_plain_event() {
         (Effect::SelfDisconnection, &[("share", "0")]),
         (Effect::ExponentialRecovery, &[("share", "0")]),
         (Effect::DistributedGeneration, &[("share", "0")]),
+        (Effect::FrequencyTrip, &[("share", "0")]),
         (Effect::SpeedDependentTorque, &[("quadratic", "0")]),
         (
             Effect::FeederImpedance,

@@ -1,0 +1,166 @@
+//! Generation or load that is switched off by the frequency.
+//!
+//! Small generation has relays of its own: many an older photovoltaic plant leaves the grid at 49.5 or 59.3 Hz, or at
+//! 50.2 Hz, and does not come back within minutes. Underfrequency relays shed load on purpose, most at
+//! 49.0 to 48.0 or 59.5 to 58.5 Hz.
+//!
+//! Missing, it leaves a step of P with no step of the voltage, at the instant at which the frequency has been beyond the
+//! relay's for its delay; it stays. Generation that is lost raises P, load that is shed lowers it.
+//!
+//! ```text
+//! b  = (df < -u) + (df > o)                 (1)
+//! g  = open(b for T, 0, T_s)                (2)
+//! dP = -F g,   dQ = t dP                    (3)
+//! ```
+//!
+//! `df` is the frequency's deviation from that before the event, over the nominal one. `F` is negative for generation. `open` picks up when `b` has lasted
+//! for `T`, whatever the frequency does afterwards; all are off within `T_s`. A phase jump, which a frequency channel
+//! shows for a few cycles, is shorter than the delay of any relay that is fit for use.
+//!
+//! Source: frequency elements of `DER_A` and PVD1 in the WECC composite load model; IEEE 1547-2003 (59.3 and 60.5 Hz
+//! within 0.16 s), VDE AR-N 4105 of 2011 on the plants that left at 50.2 Hz (all values from memory, not verified).
+//! Not included: return, a different share for either side, what the frequency before the event was off its nominal value (it
+//! adds to the settings).
+
+use super::relay::{self, SwitchTimes};
+use crate::{
+    load_model::{
+        MotorCoordinates,
+        composed::{Instant, Rest, Step},
+        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+    },
+    numerics::{Elementary, elementary::smooth_step},
+};
+
+/// What the frequency switches off.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FrequencyTrip;
+
+/// Half width of the spread of a relay's frequency, pu: 10 to 12 mHz. Chosen: the frequency falls by this within a few samples.
+const SPREAD_PU: f64 = 2e-4;
+/// What stays open of a relay's frequency: a channel of frequency lags by one or two cycles (the frequency falls by some mHz
+/// meanwhile), and the frequency before an event is off its nominal value by 10 to 20 mHz.
+const RESOLUTION_PU: f64 = 3e-4;
+/// Beyond what any recording shows, pu.
+const NEVER: f64 = 0.06;
+
+const fn state(name: &'static str, unit: &'static str) -> State {
+    State { name, unit }
+}
+
+const DECLARATION: Declaration = Declaration {
+    name: "frequency_trip",
+    title: "Generation or load that the frequency switches off",
+    kind: Kind::Physics,
+    version: 1,
+    parameters: &[
+        Parameter::two_sided(["share", "F", "1"], [-1.0, -0.1, 0.9, 0.02]),
+        Parameter::positive_shape(["underfrequency", "u", "pu"], [0.002, 0.01, NEVER], 0.8)
+            .with_resolution(RESOLUTION_PU),
+        Parameter::positive_shape(["overfrequency", "o", "pu"], [0.002, 0.01, NEVER], 0.8)
+            .with_resolution(RESOLUTION_PU),
+        Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7)
+            .with_resolution(relay::TIME_RESOLUTION_S),
+        Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.05, 1.0], 0.7),
+        Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.6], 0.15),
+    ],
+    states: &[
+        state("timer", "s"),
+        state("picked_up", "1"),
+        state("since_pick_up", "s"),
+        state("open", "1"),
+    ],
+    acts_on: &[Place::States, Place::Power],
+    excludes: &[],
+    resembles: &["static_frequency_dependence", "distributed_generation"],
+    needs: Needs {
+        frequency: true,
+        voltage_below: None,
+        frequency_deviation: Some(0.0025),
+        window_s: 5.0,
+        separating_event: "frequency deviations on both sides of the relay's setting",
+        ..Needs::A_DIP
+    },
+    source: "WECC DER_A and PVD1 (frequency elements), IEEE 1547-2003, VDE AR-N 4105 (values from memory, not verified)",
+};
+
+impl Declared for FrequencyTrip {
+    fn declaration(&self) -> &'static Declaration {
+        &DECLARATION
+    }
+
+    fn frequency_thresholds(&self) -> &'static [&'static str] {
+        &["underfrequency", "overfrequency"]
+    }
+
+    fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
+        // All off within 0.2 s: the instant is looked for.
+        [0.08, 0.25]
+            .map(|delay_s| vec![NEVER, NEVER, delay_s, 0.2, 0.0])
+            .to_vec()
+    }
+
+    fn beside_the_states(&self) -> Vec<usize> {
+        vec![0, 5]
+    }
+}
+
+/// Exactly 1 where `x` is well above the threshold, exactly 0 where it is well below.
+fn beyond<S: Elementary>(x: S, threshold: S) -> S {
+    smooth_step((x - threshold) * (0.5 / SPREAD_PU) + 0.5)
+}
+
+impl<S: Elementary> Equations<S> for FrequencyTrip {
+    fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
+        let df = step.frequency_deviation;
+        let away = beyond(-df, p[1]) + beyond(df, p[2]); // (1)
+        if let [timer, picked_up, since, open] = x {
+            let times = SwitchTimes {
+                pick_up_s: p[3],
+                opening_s: S::constant(0.0),
+                spread_s: p[4],
+            };
+            let relay = [timer, picked_up, since, open];
+            relay::open(relay, [away; 3], times, step.duration_s); // (2)
+        }
+    }
+
+    fn power(&self, p: &[S], x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
+        let lost = -(p[0] * x[3]);
+        [lost, p[5] * lost] // (3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
+
+    /// What is added to P at 60 samples/s while the frequency falls by `fall_pu` between 1 and 3 s and stays, F = -0.1.
+    fn added(fall_pu: f64) -> Vec<f64> {
+        let model = ComposedModel::new(&Structure::zip_im().with("frequency_trip").unwrap());
+        let input = lasting(6.0, |_| [1.0, 0.0], &[]);
+        let course: Vec<f64> = (0..=360)
+            .map(|k| -fall_pu * ((f64::from(k) / 60.0 - 1.0) / 2.0).clamp(0.0, 1.0))
+            .collect();
+        let drive = Drive::new(&input, &course, 0.3);
+        let with = model.simulate(&model.typical(), &[], &drive).unwrap();
+        let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
+        let both = with.active.into_iter().zip(without.active);
+        both.map(|(with, without)| with - without).collect()
+    }
+
+    #[test]
+    fn generation_is_gone_once_the_frequency_has_been_low_for_the_delay() {
+        // Below 0.01 after 1 + 2/1.25 s = 2.6 s, 0.16 s of delay, all off 0.05 s later.
+        let added = added(0.0125);
+        let at = |time_s: f64| added[(time_s * 60.0).round() as usize];
+        assert!(at(2.7).abs() < 1e-12, "{}", at(2.7));
+        assert!((at(2.9) - 0.1).abs() < 1e-12, "{}", at(2.9));
+        assert!((at(6.0) - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_smaller_deviation_does_nothing() {
+        assert!(added(0.0095).iter().all(|p| p.abs() < 1e-15));
+    }
+}
