@@ -5,8 +5,8 @@ use crate::identification::intake::PreparedEvent;
 
 /// Settings that are tried on either side.
 const LEVELS: usize = 8;
-/// Share of an event's samples that lie beyond what counts as reached: near edges the frequency channel has spikes.
-const SPIKES: f64 = 0.02;
+/// One in so many samples may lie beyond what counts as reached: near edges the frequency channel has spikes.
+const SPIKES: usize = 50;
 
 impl Step<'_> {
     /// The points of a grid with settings that the frequency of the events reaches, one side after the other, instead of theirs.
@@ -47,8 +47,7 @@ fn reached(event: &PreparedEvent, sign: f64) -> f64 {
     let known = event.frequency_deviation.iter().filter(|df| df.is_finite());
     let mut side: Vec<f64> = known.map(|df| sign * df).collect();
     side.sort_by(|a, b| b.total_cmp(a));
-    let spikes = (SPIKES * side.len() as f64) as usize;
-    side.get(spikes).copied().unwrap_or(0.0)
+    side.get(side.len() / SPIKES).copied().unwrap_or(0.0)
 }
 
 #[cfg(test)]

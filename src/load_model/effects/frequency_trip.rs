@@ -9,12 +9,12 @@
 //!
 //! ```text
 //! b  = (df < -u) + (df > o)                 (1)
-//! g  = open(b for T, 0, T_s)                (2)
-//! dP = -F g,   dQ = t dP                    (3)
+//! s  = time since b has lasted for T        (2)
+//! dP = -F smooth_step(s/T_s),   dQ = t dP   (3)
 //! ```
 //!
-//! `df` is the frequency's deviation from that before the event, over the nominal one. `F` is negative for generation. `open` picks up when `b` has lasted
-//! for `T`, whatever the frequency does afterwards; all are off within `T_s`. A phase jump, which a frequency channel
+//! `df` is the frequency's deviation from that before the event, over the nominal one. `F` is negative for generation. Once `b` has
+//! lasted for `T` all are off within `T_s`, whatever the frequency does meanwhile. A phase jump, which a frequency channel
 //! shows for a few cycles, is shorter than the delay of any relay that is fit for use.
 //!
 //! Source: frequency elements of `DER_A` and PVD1 in the WECC composite load model; IEEE 1547-2003 (59.3 and 60.5 Hz
@@ -22,14 +22,17 @@
 //! Not included: return, a different share for either side, what the frequency before the event was off its nominal value (it
 //! adds to the settings).
 
-use super::relay::{self, SwitchTimes};
+use super::relay;
 use crate::{
     load_model::{
         MotorCoordinates,
         composed::{Instant, Rest, Step},
         effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
     },
-    numerics::{Elementary, elementary::smooth_step},
+    numerics::{
+        Elementary,
+        elementary::{at_least, smooth_step},
+    },
 };
 
 /// What the frequency switches off.
@@ -44,10 +47,6 @@ const RESOLUTION_PU: f64 = 3e-4;
 /// Beyond what any recording shows, pu.
 const NEVER: f64 = 0.06;
 
-const fn state(name: &'static str, unit: &'static str) -> State {
-    State { name, unit }
-}
-
 const DECLARATION: Declaration = Declaration {
     name: "frequency_trip",
     title: "Generation or load that the frequency switches off",
@@ -59,16 +58,19 @@ const DECLARATION: Declaration = Declaration {
             .with_resolution(RESOLUTION_PU),
         Parameter::positive_shape(["overfrequency", "o", "pu"], [0.002, 0.01, NEVER], 0.8)
             .with_resolution(RESOLUTION_PU),
-        Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7)
-            .with_resolution(relay::TIME_RESOLUTION_S),
+        Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7),
         Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.05, 1.0], 0.7),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.6], 0.15),
     ],
     states: &[
-        state("timer", "s"),
-        state("picked_up", "1"),
-        state("since_pick_up", "s"),
-        state("open", "1"),
+        State {
+            name: "timer",
+            unit: "s",
+        },
+        State {
+            name: "since_pick_up",
+            unit: "s",
+        },
     ],
     acts_on: &[Place::States, Place::Power],
     excludes: &[],
@@ -101,7 +103,7 @@ impl Declared for FrequencyTrip {
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 5]
+        vec![0, 4, 5]
     }
 }
 
@@ -114,19 +116,19 @@ impl<S: Elementary> Equations<S> for FrequencyTrip {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let df = step.frequency_deviation;
         let away = beyond(-df, p[1]) + beyond(df, p[2]); // (1)
-        if let [timer, picked_up, since, open] = x {
-            let times = SwitchTimes {
-                pick_up_s: p[3],
-                opening_s: S::constant(0.0),
-                spread_s: p[4],
+        if let [timer, since] = x {
+            relay::run_timer(timer, [away; 3], step.duration_s);
+            // Exact within a step: far from jumps steps are longer than what a relay's contacts take.
+            *since = if since.value() > 0.0 {
+                *since + step.duration_s
+            } else {
+                at_least(*timer - p[3], 0.0) // (2)
             };
-            let relay = [timer, picked_up, since, open];
-            relay::open(relay, [away; 3], times, step.duration_s); // (2)
         }
     }
 
     fn power(&self, p: &[S], x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
-        let lost = -(p[0] * x[3]);
+        let lost = -(p[0] * smooth_step(x[1] / p[4]));
         [lost, p[5] * lost] // (3)
     }
 }
@@ -135,13 +137,17 @@ impl<S: Elementary> Equations<S> for FrequencyTrip {
 mod tests {
     use crate::load_model::{ComposedModel, Drive, Structure, composed::contract::lasting};
 
-    /// What is added to P at 60 samples/s while the frequency falls by `fall_pu` between 1 and 3 s and stays, F = -0.1.
+    /// The deviation at 60 samples/s that falls by `fall_pu` between 1 and 3 s and stays.
+    fn declining(fall_pu: f64) -> Vec<f64> {
+        let fallen = |k: i32| ((f64::from(k) / 60.0 - 1.0) / 2.0).clamp(0.0, 1.0);
+        (0..=360).map(|k| -fall_pu * fallen(k)).collect()
+    }
+
+    /// What is added to P at 60 samples/s in such a decline, F = -0.1.
     fn added(fall_pu: f64) -> Vec<f64> {
         let model = ComposedModel::new(&Structure::zip_im().with("frequency_trip").unwrap());
         let input = lasting(6.0, |_| [1.0, 0.0], &[]);
-        let course: Vec<f64> = (0..=360)
-            .map(|k| -fall_pu * ((f64::from(k) / 60.0 - 1.0) / 2.0).clamp(0.0, 1.0))
-            .collect();
+        let course = declining(fall_pu);
         let drive = Drive::new(&input, &course, 0.3);
         let with = model.simulate(&model.typical(), &[], &drive).unwrap();
         let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
@@ -153,10 +159,46 @@ mod tests {
     fn generation_is_gone_once_the_frequency_has_been_low_for_the_delay() {
         // Below 0.01 after 1 + 2/1.25 s = 2.6 s, 0.16 s of delay, all off 0.05 s later.
         let added = added(0.0125);
-        let at = |time_s: f64| added[(time_s * 60.0).round() as usize];
-        assert!(at(2.7).abs() < 1e-12, "{}", at(2.7));
-        assert!((at(2.9) - 0.1).abs() < 1e-12, "{}", at(2.9));
-        assert!((at(6.0) - 0.1).abs() < 1e-12);
+        assert!(added[162].abs() < 1e-12, "{}", added[162]);
+        for sample in [174, 360] {
+            assert!(
+                (added[sample] - 0.1).abs() < 1e-12,
+                "{sample}: {}",
+                added[sample]
+            );
+        }
+    }
+
+    #[test]
+    fn settings_and_times_have_the_derivatives_of_differences() {
+        let model = ComposedModel::new(&Structure::zip_im().with("frequency_trip").unwrap());
+        let input = lasting(6.0, |_| [1.0, 0.0], &[]);
+        let course = declining(0.0125);
+        let drive = Drive::new(&input, &course, 0.3);
+        let mut at = model.typical();
+        // Off within half a second, so that several samples lie in the opening.
+        let [u, delay, spread] = ["underfrequency", "delay_s", "spread_s"]
+            .map(|name| model.index(&format!("frequency_trip.{name}")).unwrap());
+        at[spread] = 0.5;
+        for index in [u, delay, spread] {
+            let exact = model.simulate(&at, &[index], &drive).unwrap();
+            let step = 1e-6 * at[index];
+            let [low, high] = [-step, step].map(|by| {
+                let mut moved = at.clone();
+                moved[index] += by;
+                model.simulate(&moved, &[], &drive).unwrap().active
+            });
+            let differences = high.iter().zip(&low).map(|(h, l)| (h - l) / (2.0 * step));
+            let exact = &exact.active_derivatives[0];
+            let largest = exact.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
+            assert!(largest > 0.0, "{index}");
+            for (exact, difference) in exact.iter().zip(differences) {
+                assert!(
+                    (exact - difference).abs() < 1e-5 * largest,
+                    "{index}: {exact} {difference}"
+                );
+            }
+        }
     }
 
     #[test]
