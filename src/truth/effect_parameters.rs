@@ -4,7 +4,10 @@
 //! narrowed or shifted where a site of a dozen events of ten seconds would not show the effect;
 //! `docs/generating-sites.md` says where.
 
+mod instruments;
+
 use super::effect::{Effect, EffectParameter};
+use instruments::{FREQUENCY_TRACKING, PHASOR_WINDOW, RATIO_PHASE_ERROR, TIME_SKEW};
 
 /// A quantity drawn from a range, positive.
 const fn quantity(
@@ -540,42 +543,6 @@ const LOAD_RAMP: &[EffectParameter] = &[
         (0.002, 0.008),
         (-0.1, 0.1),
         "drift of the static Q, share per second",
-    ),
-];
-
-const TIME_SKEW: &[EffectParameter] = &[signed(
-    "skew_s",
-    (0.009, 0.03),
-    (-0.5, 0.5),
-    "by how much P and Q are late",
-)];
-
-const PHASOR_WINDOW: &[EffectParameter] = &[quantity(
-    "cycles",
-    (4.0, 6.0),
-    (0.0, 20.0),
-    "whole width of the phasor window, nominal cycles",
-)];
-
-const RATIO_PHASE_ERROR: &[EffectParameter] = &[signed(
-    "angle_deg",
-    (0.4, 1.5),
-    (-15.0, 15.0),
-    "angle by which the current is measured too far ahead",
-)];
-
-const FREQUENCY_TRACKING: &[EffectParameter] = &[
-    quantity(
-        "lag_s",
-        (0.05, 0.2),
-        (0.0, 2.0),
-        "lag of the frequency estimate",
-    ),
-    quantity(
-        "span_cycles",
-        (0.25, 0.5),
-        (0.05, 10.0),
-        "cycles to either side over which the angle is differenced",
     ),
 ];
 
