@@ -8,13 +8,15 @@
 //! relay's for its delay; it stays. Generation that is lost raises P, load that is shed lowers it.
 //!
 //! ```text
-//! b  = (df < -u) + (df > o)                 (1)
-//! s  = time since b has lasted for T        (2)
-//! dP = -F smooth_step(s/T_s),   dQ = t dP   (3)
+//! b_k = (df < -u_k) + (df > o_k)                                 (1)
+//! s_k = time since b_k has lasted for T                          (2)
+//! dP  = -F mean_k smooth_step(s_k/T_s),   dQ = t dP              (3)
+//! u_k, o_k = u, o + w z_k,   z_k = -0.8, -0.4, 0, 0.4, 0.8       (4)
 //! ```
 //!
-//! `df` is the frequency's deviation from that before the event, over the nominal one. `F` is negative for generation. Once `b` has
-//! lasted for `T` all are off within `T_s`, whatever the frequency does meanwhile. A phase jump, which a frequency channel
+//! `df` is the frequency's deviation from that before the event, over the nominal one. `F` is negative for generation. Relays of one setting
+//! differ by what they measure: a fifth of them each acts at its own within `w` to both sides. Once `b_k` has
+//! lasted for `T` they are off within `T_s`, whatever the frequency does meanwhile. A phase jump, which a frequency channel
 //! shows for a few cycles, is shorter than the delay of any relay that is fit for use.
 //!
 //! Source: frequency elements of `DER_A` and PVD1 in the WECC composite load model; IEEE 1547-2003 (59.3 and 60.5 Hz
@@ -39,13 +41,21 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrequencyTrip;
 
-/// Half width of the spread of a relay's frequency, pu: 10 to 12 mHz. Chosen: the frequency falls by this within a few samples.
-const SPREAD_PU: f64 = 2e-4;
+/// Half width over which a relay picks up, pu: 5 to 6 mHz, ...
+const SPREAD_LEAST_PU: f64 = 1e-4;
+/// ... and this share of what settings differ by, so that one begins where another ends.
+const SPREAD_SHARE: f64 = 0.2;
+/// Relays with settings of their own, in half widths of what settings differ by.
+const PLACES: [f64; 5] = [-0.8, -0.4, 0.0, 0.4, 0.8];
 /// What stays open of a relay's frequency: a channel of frequency lags by one or two cycles (the frequency falls by some mHz
 /// meanwhile), and the frequency before an event is off its nominal value by 10 to 20 mHz.
 const RESOLUTION_PU: f64 = 3e-4;
 /// Beyond what any recording shows, pu.
 const NEVER: f64 = 0.06;
+
+const fn timer(name: &'static str) -> State {
+    State { name, unit: "s" }
+}
 
 const DECLARATION: Declaration = Declaration {
     name: "frequency_trip",
@@ -59,18 +69,21 @@ const DECLARATION: Declaration = Declaration {
         Parameter::positive_shape(["overfrequency", "o", "pu"], [0.002, 0.01, NEVER], 0.8)
             .with_resolution(RESOLUTION_PU),
         Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7),
-        Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.05, 1.0], 0.7),
+        Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.03, 1.0], 0.7),
+        Parameter::positive_shape(["settings_spread", "w", "pu"], [2e-5, 2e-4, 2e-3], 0.8),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.6], 0.15),
     ],
     states: &[
-        State {
-            name: "timer",
-            unit: "s",
-        },
-        State {
-            name: "since_pick_up",
-            unit: "s",
-        },
+        timer("timer_1"),
+        timer("since_pick_up_1"),
+        timer("timer_2"),
+        timer("since_pick_up_2"),
+        timer("timer_3"),
+        timer("since_pick_up_3"),
+        timer("timer_4"),
+        timer("since_pick_up_4"),
+        timer("timer_5"),
+        timer("since_pick_up_5"),
     ],
     acts_on: &[Place::States, Place::Power],
     excludes: &[],
@@ -96,40 +109,46 @@ impl Declared for FrequencyTrip {
     }
 
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
-        // All off within 0.2 s: the instant is looked for.
+        // Off within a tenth of a second or more: the instant is looked for.
         [0.08, 0.25]
-            .map(|delay_s| vec![NEVER, NEVER, delay_s, 0.2, 0.0])
+            .map(|delay_s| vec![NEVER, NEVER, delay_s, 0.1, 4e-4, 0.0])
             .to_vec()
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 4, 5]
+        vec![0, 4, 6]
     }
 }
 
 /// Exactly 1 where `x` is well above the threshold, exactly 0 where it is well below.
-fn beyond<S: Elementary>(x: S, threshold: S) -> S {
-    smooth_step((x - threshold) * (0.5 / SPREAD_PU) + 0.5)
+fn beyond<S: Elementary>(x: S, threshold: S, spread: S) -> S {
+    smooth_step((x - threshold) / (spread * 2.0) + 0.5)
 }
 
 impl<S: Elementary> Equations<S> for FrequencyTrip {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let df = step.frequency_deviation;
-        let away = beyond(-df, p[1]) + beyond(df, p[2]); // (1)
-        if let [timer, since] = x {
-            relay::run_timer(timer, [away; 3], step.duration_s);
-            // Exact within a step: far from jumps steps are longer than what a relay's contacts take.
-            *since = if since.value() > 0.0 {
-                *since + step.duration_s
-            } else {
-                at_least(*timer - p[3], 0.0) // (2)
-            };
+        let spread = p[5] * SPREAD_SHARE + SPREAD_LEAST_PU;
+        for (relay, place) in x.chunks_exact_mut(2).zip(PLACES) {
+            let by = p[5] * place; // (4)
+            let away = beyond(-df, p[1] + by, spread) + beyond(df, p[2] + by, spread); // (1)
+            if let [timer, since] = relay {
+                relay::run_timer(timer, [away; 3], step.duration_s);
+                // Exact within a step: far from jumps steps are longer than what a relay's contacts take.
+                *since = if since.value() > 0.0 {
+                    *since + step.duration_s
+                } else {
+                    at_least(*timer - p[3], 0.0) // (2)
+                };
+            }
         }
     }
 
     fn power(&self, p: &[S], x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
-        let lost = -(p[0] * smooth_step(x[1] / p[4]));
-        [lost, p[5] * lost] // (3)
+        let open = x.chunks_exact(2).map(|relay| smooth_step(relay[1] / p[4]));
+        let open = open.fold(S::constant(0.0), |sum, one| sum + one);
+        let lost = -(p[0] * open) * (1.0 / PLACES.len() as f64);
+        [lost, p[6] * lost] // (3)
     }
 }
 
@@ -177,10 +196,11 @@ mod tests {
         let drive = Drive::new(&input, &course, 0.3);
         let mut at = model.typical();
         // Off within half a second, so that several samples lie in the opening.
-        let [u, delay, spread] = ["underfrequency", "delay_s", "spread_s"]
+        let [u, delay, settings] = ["underfrequency", "delay_s", "settings_spread"]
             .map(|name| model.index(&format!("frequency_trip.{name}")).unwrap());
+        let spread = model.index("frequency_trip.spread_s").unwrap();
         at[spread] = 0.5;
-        for index in [u, delay, spread] {
+        for index in [u, delay, spread, settings] {
             let exact = model.simulate(&at, &[index], &drive).unwrap();
             let step = 1e-6 * at[index];
             let [low, high] = [-step, step].map(|by| {
