@@ -50,6 +50,8 @@ const PLACES: [f64; 5] = [-0.8, -0.4, 0.0, 0.4, 0.8];
 /// What stays open of a relay's frequency: a channel of frequency lags by one or two cycles (the frequency falls by some mHz
 /// meanwhile), and the frequency before an event is off its nominal value by 10 to 20 mHz.
 const RESOLUTION_PU: f64 = 3e-4;
+/// The same of its delay: what relays take to notice a frequency (20 to 50 ms) is part of it.
+const DELAY_RESOLUTION_S: f64 = 0.03;
 /// Beyond what any recording shows, pu.
 const NEVER: f64 = 0.06;
 
@@ -68,7 +70,8 @@ const DECLARATION: Declaration = Declaration {
             .with_resolution(RESOLUTION_PU),
         Parameter::positive_shape(["overfrequency", "o", "pu"], [0.002, 0.01, NEVER], 0.8)
             .with_resolution(RESOLUTION_PU),
-        Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7),
+        Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7)
+            .with_resolution(DELAY_RESOLUTION_S),
         Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.03, 1.0], 0.7),
         Parameter::positive_shape(["settings_spread", "w", "pu"], [2e-5, 2e-4, 2e-3], 0.8),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.6], 0.15),
