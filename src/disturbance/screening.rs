@@ -14,7 +14,8 @@ pub struct ScreeningOptions {
     /// refused. Default 0.008: a step of 1 % passes with its noise. 0 to 1.
     pub voltage_change_min_pu: f64,
     /// Change of the frequency after the onset, hertz, from which a window is kept whatever its voltage does: what a
-    /// load does with the frequency shows best where the voltage stays. Default 0.1. 0 to 10.
+    /// load does with the frequency shows best where the voltage stays. Where it lasts for a quarter of the samples, P need not
+    /// follow the voltage either. Default 0.1. 0 to 10.
     pub frequency_change_min_hz: f64,
     /// Least share of usable samples; fewer are refused. Default 0.8, 0 to 1.
     pub usable_share_min: f64,
@@ -312,7 +313,8 @@ fn power(view: &View, options: &ScreeningOptions, screening: &mut Screening) {
     }
     let (explained_share, unexplained) = explained_by_voltage(view);
     // No feeder moves the frequency of a grid: what its relays switch then is an answer of the load.
-    let of_the_grid = view.lasting_frequency_change_hz >= options.frequency_change_min_hz;
+    let lasting_hz = view.lasting_frequency_change_hz;
+    let of_the_grid = lasting_hz > 0.0 && lasting_hz >= options.frequency_change_min_hz;
     if explained_share < options.explained_share_min
         && unexplained > options.unexplained_power_max
         && !of_the_grid

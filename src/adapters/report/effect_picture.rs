@@ -384,7 +384,6 @@ fn dip(depth: f64, after_s: f64, highest: Option<f64>) -> TerminalInput {
     }
 }
 
-/// The frequency sinks after the onset, at every output instant.
 /// What the frequency goes to: beyond the settings of relays that it switches.
 fn frequency_reached(load: &ComposedModel, parameters: &[f64]) -> f64 {
     let settings = load.effect_names().filter_map(find).flat_map(|effect| {
@@ -396,6 +395,7 @@ fn frequency_reached(load: &ComposedModel, parameters: &[f64]) -> f64 {
     beyond.fold(FREQUENCY_DEVIATION, f64::min)
 }
 
+/// The frequency sinks after the onset, at every output instant.
 fn frequency(input: &TerminalInput, reached: f64) -> Vec<f64> {
     let points = input.output_points().into_iter();
     let fine_s = input.sample_interval_s / input.points_per_sample as f64;

@@ -194,6 +194,13 @@ fn what_is_lost_while_the_frequency_stays_away_is_an_answer_of_the_load() {
     for window in [lost(0.3, 5), lost(0.05, 90)] {
         assert_eq!(refusals(&window), ["power_does_not_follow_voltage"]);
     }
+    // Any change that stands out may be enough; none is none.
+    let any = ScreeningOptions {
+        frequency_change_min_hz: 0.0,
+        ..ScreeningOptions::default()
+    };
+    let steady = screen(&lost(0.0, 0), &any);
+    assert_eq!(labels(&steady.refusals), ["power_does_not_follow_voltage"]);
 }
 
 #[test]

@@ -73,7 +73,7 @@ const DECLARATION: Declaration = Declaration {
         Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7)
             .with_resolution(DELAY_RESOLUTION_S),
         Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.03, 1.0], 0.7),
-        Parameter::positive_shape(["settings_spread", "w", "pu"], [2e-5, 2e-4, 2e-3], 0.8),
+        Parameter::positive_shape(["settings_spread", "w", "pu"], [2e-5, 2e-4, 1.5e-3], 0.8),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.6], 0.15),
     ],
     states: &[
@@ -222,6 +222,24 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn at_the_nominal_frequency_no_setting_acts() {
+        // The lowest settings, differing by as much as they may, without delay.
+        let model = ComposedModel::new(&Structure::zip_im().with("frequency_trip").unwrap());
+        let mut at = model.typical();
+        for (index, parameter) in model.parameters().iter().enumerate() {
+            let declared = &parameter.declaration;
+            match declared.name {
+                "underfrequency" | "overfrequency" | "delay_s" => at[index] = declared.lower,
+                "settings_spread" => at[index] = declared.upper,
+                _ => {}
+            }
+        }
+        let input = lasting(6.0, |_| [1.0, 0.0], &[]);
+        let out = model.simulate(&at, &[], &Drive::new(&input, &[], 0.3));
+        assert!(out.unwrap().active.iter().all(|p| (p - 1.0).abs() < 1e-11));
     }
 
     #[test]
