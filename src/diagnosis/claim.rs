@@ -136,9 +136,25 @@ impl ByItself {
     }
 }
 
+/// Held-out events speak for a companion that gains this share of what a rival gains, ...
+const GAINED_NEARLY: f64 = 0.8;
+/// ... where they are followed with it and the rival leaves so many times what is adequate.
+const FORETOLD_BETTER: f64 = 2.0;
+
+/// Whether held-out events, followed with a companion that gains nearly as much, are not with its rival.
+fn is_foretold_better(companion: &Evidence, rival: &Evidence, options: &ClaimOptions) -> bool {
+    let (Some(own), Some(other)) = (companion.gate, rival.gate) else {
+        return false;
+    };
+    let adequate = ADEQUATE_FLOORS * options.floor;
+    companion.delta_bic <= GAINED_NEARLY * rival.delta_bic
+        && own.after <= adequate
+        && other.after > FORETOLD_BETTER * adequate
+}
+
 /// The answer set of companions and what resembles them, best criterion first: what a companion stands in for where that
-/// is better by as much as a claim needs, and otherwise the companion, which every motor has and which nothing that
-/// resembles it speaks against.
+/// is better by as much as a claim needs and held-out events do not speak for the companion, and otherwise the companion,
+/// which every motor has and which nothing that resembles it speaks against.
 pub(super) fn companions_or_rivals(list: &[ByItself], options: &ClaimOptions) -> Vec<usize> {
     let judged: Vec<(Evidence, bool)> = (list.iter())
         .map(|trial| (trial.evidence.clone(), trial.may(options)))
@@ -147,10 +163,6 @@ pub(super) fn companions_or_rivals(list: &[ByItself], options: &ClaimOptions) ->
     let companions = list.iter().filter(|trial| trial.is_companion);
     let gained = companions.map(|trial| trial.evidence.delta_bic);
     let needed = gained.fold(0.0, f64::min) - options.delta_bic_min;
-    let clearly = |best: &usize| list[*best].evidence.delta_bic <= needed;
-    if chosen.first().is_some_and(clearly) && !chosen.iter().any(|&i| list[i].is_companion) {
-        return chosen;
-    }
     let unrivalled = |trial: &ByItself| {
         let alone = Evidence {
             runner_up: 0.0,
@@ -158,7 +170,17 @@ pub(super) fn companions_or_rivals(list: &[ByItself], options: &ClaimOptions) ->
         };
         trial.is_companion && objections(&alone, options).is_empty()
     };
-    list.iter().position(unrivalled).into_iter().collect()
+    let companion = list.iter().position(unrivalled);
+    let clearly = |best: &usize| {
+        let rival = &list[*best].evidence;
+        let refuted =
+            companion.is_some_and(|i| is_foretold_better(&list[i].evidence, rival, options));
+        rival.delta_bic <= needed && !refuted
+    };
+    if chosen.first().is_some_and(clearly) && !chosen.iter().any(|&i| list[i].is_companion) {
+        return chosen;
+    }
+    companion.into_iter().collect()
 }
 
 #[cfg(test)]
@@ -294,6 +316,23 @@ mod tests {
         stretched.evidence.amplitude_over_meaningful = 0.5;
         let refused = [stretched, companion(-1180.0)];
         assert_eq!(companions_or_rivals(&refused, &options), [1]);
+        // Held-out events that the companion follows and the rival does not speak for the companion, ...
+        let held_out = |mut trial: ByItself, after: f64| {
+            let before = 7.0;
+            trial.evidence.gate = Some(GateEvidence { before, after });
+            trial
+        };
+        let foretold = [
+            held_out(rival(-1300.0), 5.4),
+            held_out(companion(-1180.0), 0.9),
+        ];
+        assert_eq!(companions_or_rivals(&foretold, &options), [1]);
+        // ... unless it gains much less.
+        let much_less = [
+            held_out(rival(-1300.0), 5.4),
+            held_out(companion(-900.0), 0.9),
+        ];
+        assert_eq!(companions_or_rivals(&much_less, &options), [0]);
         let nothing = [rival(-20.0), companion(-10.0)];
         assert!(companions_or_rivals(&nothing, &options).is_empty());
     }

@@ -14,6 +14,11 @@ use crate::identification::{
 /// Of the events that an effect is asked to foretell at most this share may be left out.
 const OPEN_SHARE: f64 = 0.25;
 
+/// Events leave settings of relays open that raise what is left of them by no more than two standard errors ...
+const RISE: f64 = 4.0;
+/// ... or by this share of it, if that is more: residuals last.
+const RISE_OF_LEFT: f64 = 0.003;
+
 /// The events that are `open`, where they are few of those foretold: an effect that foretells many of them badly only
 /// bends to what it was fitted to.
 fn few(mut open: Vec<bool>, foretold: &[Option<f64>]) -> Vec<bool> {
@@ -23,6 +28,12 @@ fn few(mut open: Vec<bool>, foretold: &[Option<f64>]) -> Vec<bool> {
         open.fill(false);
     }
     open
+}
+
+/// Whether a fit follows its events as well as another one of the same does.
+fn as_near(fit: &ComposedFit, other: &ComposedFit) -> bool {
+    let [left, least] = [fit, other].map(|fit| fit.squares.iter().sum::<f64>());
+    left <= least + RISE.max(RISE_OF_LEFT * least)
 }
 
 impl Case<'_> {
@@ -66,18 +77,20 @@ impl Case<'_> {
 
     /// The same without the gate. Levels of relays that the fitted events leave open are those of `fit`: where one
     /// lies between a dip that operated a relay and one that did not, an event between them cannot be foretold,
-    /// and says nothing against the model.
+    /// and says nothing against the model. So with the frequency of one that a
+    /// decline reached and another did not.
     pub(super) fn narrowed_without_gate(
         &self,
         fit: &ComposedFit,
     ) -> Result<ComposedFit, IdentificationError> {
         let fitted = self.part(false);
         let options = &self.options.composed;
-        let trained = |fit: &ComposedFit| {
-            let own = self.without_gate(fit, options);
-            own.map(|own| composed::narrowed(&fitted, &own, options, self.watcher.cancel))
-        };
-        let free = trained(fit).ok_or_else(|| self.failed())?;
+        let narrowed =
+            |own: ComposedFit| composed::narrowed(&fitted, &own, options, self.watcher.cancel);
+        let own = (self.without_gate(fit, options)).ok_or_else(|| self.failed())?;
+        let held = composed::with_frequency_levels_of(&own, fit);
+        let held = held.and_then(|held| self.without_gate(&held, options));
+        let free = narrowed(held.filter(|held| as_near(held, &own)).unwrap_or(own));
         let open = |[one, other]: [f64; 2]| {
             let between = |e: &PreparedEvent| {
                 let lowest = e.lowest_voltage * e.v0_pu;
@@ -86,7 +99,8 @@ impl Case<'_> {
             !fitted.iter().any(between)
         };
         let held = composed::with_levels_of(&free, fit, open);
-        Ok(held.and_then(|held| trained(&held)).unwrap_or(free))
+        let held = held.and_then(|held| self.without_gate(&held, options));
+        Ok(held.map_or(free, narrowed))
     }
 
     /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely

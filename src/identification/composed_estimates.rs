@@ -64,7 +64,8 @@ fn effect_estimate(
 ) -> ParameterEstimate {
     let declared = parameter.declaration;
     let value = fit.parameters[index];
-    let at_bound = at_bound(parameter, value);
+    let counts = declared.role == Role::Count;
+    let at_bound = !counts && at_bound(parameter, value);
     let error = fit.standard_error(index);
     let error = error.map(|error| (scale * error).hypot(declared.resolution));
     let width = match declared.prior.scale {
@@ -76,6 +77,7 @@ fn effect_estimate(
         _ if index == fit.model.static_lag() => "lag of the static load",
         Role::OneSidedAmplitude { .. } | Role::TwoSidedAmplitude { .. } => "amplitude",
         Role::Shape => "shape",
+        Role::Count => "whole number",
         Role::Shared => "shared by several effects",
         Role::Base => "of ZIP and motor",
     };
@@ -88,7 +90,8 @@ fn effect_estimate(
         upper: declared.upper,
         standard_error: error.filter(|_| determined),
         at_bound,
-        identifiable: determined,
+        // One is what is taken where nothing speaks for more.
+        identifiable: determined || counts && value > declared.lower,
         interval: None,
     }
 }

@@ -4,7 +4,11 @@ use super::{
     IdentificationError, ReactiveTrend,
     composed::{ComposedFit, ComposedLoad},
 };
-use crate::load_model::{Structure, composed::ComposedModel};
+use crate::load_model::{
+    Structure,
+    composed::{ComposedModel, ModelParameter},
+    effect::Role,
+};
 
 /// A structure with a value for every parameter.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,19 +51,22 @@ impl FittedStructure {
     pub(super) fn load(&self) -> Result<ComposedLoad, IdentificationError> {
         let structure = Structure::parse(&self.structure)?;
         let model = ComposedModel::new(&structure);
-        let lag = model.parameters()[model.static_lag()].name.clone();
-        let value = |name: &str| {
-            let found = self.values.iter().find(|(known, _)| known == name);
+        let value = |(index, parameter): (usize, &ModelParameter)| {
+            let found = (self.values.iter()).find(|(known, _)| *known == parameter.name);
+            // Sets of earlier versions have neither a lag nor counts.
+            let earlier = match parameter.declaration.role {
+                Role::Count => Some(parameter.declaration.typical),
+                _ => (index == model.static_lag()).then_some(0.0),
+            };
             found
                 .map(|(_, value)| *value)
                 .filter(|value| value.is_finite())
-                // Sets of earlier versions have none.
-                .or_else(|| (name == lag).then_some(0.0))
+                .or(earlier)
                 .ok_or_else(|| IdentificationError::IncompleteSet {
-                    name: name.to_owned(),
+                    name: parameter.name.clone(),
                 })
         };
-        let parameters = model.parameters().iter().map(|p| value(&p.name));
+        let parameters = model.parameters().iter().enumerate().map(value);
         let parameters = parameters.collect::<Result<_, _>>()?;
         Ok(ComposedLoad {
             structure,

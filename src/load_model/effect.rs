@@ -160,8 +160,7 @@ impl Declaration {
 
     /// The shapes of its own, without shared ones.
     pub fn shapes(&self) -> impl Iterator<Item = &'static Parameter> {
-        let own = |p: &&Parameter| matches!(p.role, Role::Shape);
-        self.parameters.iter().filter(own)
+        self.parameters.iter().filter(|p| p.is_shape())
     }
 
     /// Whether these values, in the order of the parameters, make the effect vanish.
@@ -197,6 +196,7 @@ pub fn page(declaration: &Declaration, header: &str) -> String {
                 format!("amplitude of either sign, worth reporting from {meaningful}")
             }
             Role::Shape => "shape".to_owned(),
+            Role::Count => "whole number, tried one after the other".to_owned(),
             Role::Shared => "shape, shared by all effects that name it".to_owned(),
             Role::Base => "base".to_owned(),
         };
@@ -340,6 +340,12 @@ pub trait Declared: Debug + Send + Sync {
     /// Name of the parameter, in s, by which an instrument reports P and Q late, in whatever else it does. Where
     /// a simulation leaves that to its caller ([`Drive::leaves_delay`](crate::load_model::Drive)), [`Equations::measure`] is not called.
     fn delay(&self) -> Option<&'static str> {
+        None
+    }
+
+    /// Name of the shape that counts the dips of an event ([`Role::Count`]), if there is one. A search tries the grid with as
+    /// many as any event has.
+    fn counts_dips(&self) -> Option<&'static str> {
         None
     }
 

@@ -213,7 +213,10 @@ impl ParameterRange {
         p.upper = self.upper.unwrap_or(p.upper);
         p.prior.deviation = self.deviation.unwrap_or(p.prior.deviation);
         p.prior.centre = self.centre.unwrap_or(p.prior.centre);
-        if let (Some(centre), true) = (self.centre, matches!(p.role, Role::Shape | Role::Shared)) {
+        if let (Some(centre), true) = (
+            self.centre,
+            matches!(p.role, Role::Shape | Role::Count | Role::Shared),
+        ) {
             p.typical = centre;
         }
         p.typical = p.typical.clamp(p.lower, p.upper);

@@ -252,7 +252,8 @@ impl Composition<'_> {
             }
             Effect::SinglePhaseAcStall => {
                 let active_pu = hidden.value("share") * self.active_pu;
-                let motors = AirConditioner::new(air_conditioner(hidden), active_pu, voltage_pu);
+                let settings = air_conditioner(hidden, self.nominal_rad_s);
+                let motors = AirConditioner::new(settings, active_pu, self.terminal);
                 self.add(name, Box::new(motors));
             }
             Effect::FeederImpedance if hidden.value("capacitor_pu") > 0.0 => {
@@ -411,7 +412,7 @@ fn frequency_relays(hidden: &HiddenEffect, nominal_rad_s: f64) -> FrequencyRelay
     }
 }
 
-fn air_conditioner(hidden: &HiddenEffect) -> AirConditionerSettings {
+fn air_conditioner(hidden: &HiddenEffect, nominal_rad_s: f64) -> AirConditionerSettings {
     AirConditionerSettings {
         power_factor: hidden.value("power_factor"),
         stall_pu: hidden.value("stall_pu"),
@@ -422,6 +423,11 @@ fn air_conditioner(hidden: &HiddenEffect) -> AirConditionerSettings {
         restart_delay_s: hidden.value("restart_delay_s"),
         thermal_s: hidden.value("thermal_s"),
         thermal_trip: (hidden.value("first_trip"), hidden.value("last_trip")),
+        frequency: (
+            hidden.value("frequency_active"),
+            hidden.value("frequency_reactive"),
+        ),
+        nominal_rad_s,
     }
 }
 

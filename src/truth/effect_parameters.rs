@@ -467,6 +467,8 @@ const SINGLE_PHASE_AC_STALL: &[EffectParameter] = &[
         "Th1t: the first trips",
     ),
     quantity("last_trip", (1.9, 3.0), (0.1, 20.0), "Th2t: the last trips"),
+    quantity("frequency_active", (0.0, 1.0), (-5.0, 5.0), "CmpKpf"),
+    quantity("frequency_reactive", (-3.3, 0.0), (-9.0, 9.0), "CmpKqf"),
 ];
 
 const SATURATION: &[EffectParameter] = &[

@@ -6,9 +6,9 @@
 
 use super::{plain, windows};
 use loadmodeld::{
-    diagnosis::{DiagnosisOptions, Status, diagnose},
+    diagnosis::{Diagnosis, DiagnosisOptions, Status, diagnose},
     load_model::effects,
-    truth::{Effect, StudyShape, study_site},
+    truth::{Effect, StudyShape, SyntheticSite, generate, study_site},
 };
 
 /// One effect of each kind.
@@ -47,9 +47,13 @@ fn is_named(effect: Effect, number: u64, shape: &StudyShape) {
         effects: vec![effect],
         ..shape.clone()
     };
-    let made = study_site(7, number, &shape).unwrap();
+    is_named_at(effect, &study_site(7, number, &shape).unwrap());
+}
+
+/// The diagnosis of a site, which names the effect first.
+fn is_named_at(effect: Effect, made: &SyntheticSite) -> Diagnosis {
     let site = &made.options.site;
-    let windows = windows(&made);
+    let windows = windows(made);
     let resembles = effects::find(effect.name())
         .unwrap()
         .declaration()
@@ -79,6 +83,29 @@ fn is_named(effect: Effect, number: u64, shape: &StudyShape) {
     assert!(
         candidate.held_out_error_after < candidate.held_out_error_before,
         "{candidate:?}"
+    );
+    found
+}
+
+#[test]
+fn supplies_that_leave_at_the_second_dip() {
+    let effect = Effect::SelfDisconnection;
+    let shape = StudyShape {
+        effects: vec![effect],
+        ..brief(60.0)
+    };
+    let mut options = study_site(7, 0, &shape).unwrap().options;
+    options.effects[0].set("dips", "2").unwrap();
+    let found = is_named_at(effect, &generate(&options, &mut |_| ()).unwrap());
+    let candidate = (found.candidates.iter()).find(|c| c.effect == effect.name());
+    let estimates = &candidate.unwrap().parameters;
+    let dips = estimates
+        .iter()
+        .find(|p| p.name == "self_disconnection.dips");
+    let dips = dips.unwrap();
+    assert!(
+        (dips.value - 2.0).abs() < 1e-15 && dips.identifiable,
+        "{dips:?}"
     );
 }
 

@@ -48,6 +48,7 @@ fn parameter(p: &Parameter) -> Value {
         Role::OneSidedAmplitude { meaningful } => ("one_sided", Some(meaningful)),
         Role::TwoSidedAmplitude { meaningful } => ("two_sided", Some(meaningful)),
         Role::Shape => ("shape", None),
+        Role::Count => ("count", None),
         Role::Shared => ("shared", None),
         Role::Base => ("base", None),
     };

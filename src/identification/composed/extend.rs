@@ -454,7 +454,7 @@ impl Step<'_> {
             },
             ..*self.options
         };
-        let own = self.own(|_| true);
+        let own = self.own(Parameter::can_be_free);
         fit_rows(self.rows, self.model, from, &own, &options, self.cancel)
     }
 
@@ -540,7 +540,7 @@ impl Step<'_> {
     fn all_new(&self) -> Vec<usize> {
         let known = |name: &str| self.origin.model.index(name).is_some();
         let all = self.model.parameters().iter().enumerate();
-        all.filter(|(_, p)| !known(&p.name))
+        all.filter(|(_, p)| !known(&p.name) && p.declaration.can_be_free())
             .map(|(index, _)| index)
             .collect()
     }
@@ -553,7 +553,7 @@ impl Step<'_> {
             Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful } => {
                 0.5 * meaningful
             }
-            Role::Shape | Role::Shared | Role::Base => 0.0,
+            Role::Shape | Role::Count | Role::Shared | Role::Base => 0.0,
         };
         let away = if value.abs() < least {
             least.copysign(value)

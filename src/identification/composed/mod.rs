@@ -8,6 +8,7 @@ mod base;
 mod baseline;
 mod candidates;
 mod coordinates;
+mod counts;
 mod covariance;
 mod extend;
 mod fit;
@@ -33,6 +34,6 @@ pub use fit::{ComposedFit, ComposedFitOptions, fit, squares, with_own_compositio
 pub use model::ComposedLoad;
 pub use narrowed::narrowed;
 pub use refine::refine;
-pub use relay_walk::{is_bracketed, with_levels_of};
+pub use relay_walk::{is_bracketed, with_frequency_levels_of, with_levels_of};
 pub use rows::Scatter;
 pub use screening::Score;

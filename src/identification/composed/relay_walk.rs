@@ -87,7 +87,7 @@ pub(super) fn walk(
 }
 
 /// Places and steps of what is moved together: every setting by itself; and of what the frequency switches two against
-/// each other, because its setting, its delay and its spread all put off the one instant that an event shows.
+/// each other, because its setting, its delay and their spreads all put off the instants that an event shows.
 fn moves(model: &ComposedModel, coordinates: &Coordinates) -> Vec<Vec<(usize, f64)>> {
     let mut settings = Vec::new();
     for (place, index) in coordinates.indices().into_iter().enumerate() {
@@ -139,6 +139,24 @@ pub fn with_levels_of(
     (held.free.len() < fit.free.len()).then_some(held)
 }
 
+/// `fit` with the frequencies at which something switches as they are in `other`, a fit of the same model, and not free; the
+/// delays after them are. None where there are none.
+#[must_use]
+pub fn with_frequency_levels_of(fit: &ComposedFit, other: &ComposedFit) -> Option<ComposedFit> {
+    let mut held = fit.clone();
+    held.covariance = None;
+    for &index in &fit.free {
+        let parameter = &fit.model.parameters()[index];
+        let relay = parameter.effect.and_then(effects::find);
+        let levels = relay.map_or(&[][..], |relay| relay.frequency_thresholds());
+        if levels.contains(&parameter.declaration.name) {
+            held.parameters[index] = other.parameters[index];
+            held.free.retain(|i| *i != index);
+        }
+    }
+    (held.free.len() < fit.free.len()).then_some(held)
+}
+
 /// Whether events say of a parameter no more than between which two of them it lies, without saying where
 /// ([`Declared::bracketed`](crate::load_model::effect::Declared::bracketed)).
 #[must_use]
@@ -147,7 +165,8 @@ pub fn is_bracketed(parameter: &ModelParameter) -> bool {
     effect.is_some_and(|e| e.bracketed().contains(&parameter.declaration.name))
 }
 
-/// Whether a parameter is a voltage, a frequency or a delay of an effect that has a threshold, or that goes in steps.
+/// Whether a parameter is a voltage, a frequency or a delay of an effect that has a threshold, or that goes in steps, or what
+/// its frequencies differ by.
 pub(super) fn is_setting(parameter: &ModelParameter) -> bool {
     let declared = &parameter.declaration;
     let Some(relay) = parameter.effect.and_then(effects::find) else {
@@ -157,5 +176,7 @@ pub(super) fn is_setting(parameter: &ModelParameter) -> bool {
     let switches =
         relay.threshold().is_some() || !relay.screened_at().is_empty() || !frequencies.is_empty();
     let is_level = declared.reference == Reference::Voltage || frequencies.contains(&declared.name);
-    switches && declared.role == Role::Shape && (is_level || declared.unit == "s")
+    // What settings differ by puts off the last of them as a time does.
+    let differs = !frequencies.is_empty() && declared.prior.scale == Scale::Logarithmic;
+    switches && declared.role == Role::Shape && (is_level || differs || declared.unit == "s")
 }

@@ -19,7 +19,7 @@ use crate::{
     load_model::{
         MotorCoordinates,
         composed::{ComposedModel, MotorCourse},
-        effect::{Effect, Parameter, Role, Scale},
+        effect::{Effect, Parameter, Scale},
     },
 };
 
@@ -217,20 +217,20 @@ impl Step<'_> {
             nu_per_s2: neutral[1].exp(),
             kappa: neutral[2],
         };
-        self.with_frequency_levels(self.effect.nuisance_grid(&motor))
+        self.with_counts(self.with_frequency_levels(self.effect.nuisance_grid(&motor)))
     }
 
     /// Which of the effect's shapes is its threshold.
     fn threshold_place(&self) -> Option<usize> {
         let index = self.threshold()?;
-        let shapes = self.own(|p| p.role == Role::Shape);
+        let shapes = self.own(Parameter::is_shape);
         shapes.iter().position(|i| *i == index)
     }
 
     /// The origin's parameters with the effect absent and of these shapes.
     pub(super) fn at(&self, shapes: &[f64]) -> Vec<f64> {
         let mut at = self.neutral();
-        let places = self.own(|p| p.role == Role::Shape);
+        let places = self.own(Parameter::is_shape);
         for (index, value) in places.iter().zip(shapes) {
             at[*index] = *value;
         }
@@ -321,7 +321,7 @@ impl<'a> Screening<'a> {
     /// which needs no slope in a threshold or a delay. Of an effect that is looked at in several sizes it moves the size,
     /// too, and goes as far as that leads: fewer large steps stand for many small ones.
     pub(super) fn polish(&self, from: Candidate) -> Candidate {
-        let shapes = self.step.own(|p| p.role == Role::Shape);
+        let shapes = self.step.own(Parameter::is_shape);
         let steps_max = from.size.map_or(1, |_| SIZED_STEPS_MAX);
         let first = self.step.own(Parameter::is_amplitude).first().copied();
         let largest = first.map_or(f64::INFINITY, |index| {
@@ -334,6 +334,9 @@ impl<'a> Screening<'a> {
                 let begun = best.left;
                 for (place, &index) in shapes.iter().enumerate() {
                     let declared = &self.step.model.parameters()[index].declaration;
+                    if !declared.can_be_free() {
+                        continue;
+                    }
                     best = self.along(best, steps_max, |at, direction| {
                         let mut shapes = at.score.shapes.clone();
                         shapes[place] = moved(shapes[place], declared, direction * shrink);

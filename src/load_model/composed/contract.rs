@@ -142,7 +142,9 @@ fn declarations_are_complete() {
                     assert!(p.lower < p.neutral && p.neutral < p.upper, "{who}");
                     assert!(meaningful > 0.0 && meaningful < p.upper, "{who}");
                 }
-                Role::Shape | Role::Shared => assert!(p.neutral.eq(&p.typical), "{who}"),
+                Role::Shape | Role::Count | Role::Shared => {
+                    assert!(p.neutral.eq(&p.typical), "{who}");
+                }
                 Role::Base => panic!("{who}: only ZIP and motor have base parameters"),
             }
         }

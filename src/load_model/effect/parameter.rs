@@ -91,6 +91,8 @@ pub enum Role {
     },
     /// Meaningless while the amplitudes are neutral.
     Shape,
+    /// A shape that is a whole number: a search tries one after the other, and a fit leaves it as it is.
+    Count,
     /// A shape under one name for all effects that declare it: a structure holds it once.
     Shared,
     /// A parameter of ZIP and motor, in every structure.
@@ -138,6 +140,18 @@ impl Parameter {
             self.role,
             Role::OneSidedAmplitude { .. } | Role::TwoSidedAmplitude { .. }
         )
+    }
+
+    /// Whether it is a shape of the effect's own.
+    #[must_use]
+    pub const fn is_shape(&self) -> bool {
+        matches!(self.role, Role::Shape | Role::Count)
+    }
+
+    /// Whether a fit may change it.
+    #[must_use]
+    pub const fn can_be_free(&self) -> bool {
+        !matches!(self.role, Role::Count)
     }
 
     /// An amplitude between 0 and `upper` with the neutral value 0 and no prior.
@@ -213,6 +227,15 @@ impl Parameter {
             role: Role::Shape,
             reference: Reference::Anywhere,
             resolution: 0.0,
+        }
+    }
+
+    /// A count between `lower` and `upper`, `lower` where nothing else is known.
+    #[must_use]
+    pub const fn count(names: [&'static str; 3], [lower, upper]: [f64; 2]) -> Self {
+        Self {
+            role: Role::Count,
+            ..Self::shape(names, [lower, lower, upper], 1.0)
         }
     }
 

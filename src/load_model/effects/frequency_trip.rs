@@ -8,15 +8,16 @@
 //! relay's for its delay; it stays. Generation that is lost raises P, load that is shed lowers it.
 //!
 //! ```text
-//! b_k = (df < -u_k) + (df > o_k)                                 (1)
-//! s_k = time since b_k has lasted for T                          (2)
-//! dP  = -F mean_k smooth_step(s_k/T_s),   dQ = t dP              (3)
-//! u_k, o_k = u, o + w z_k,   z_k = -0.8, -0.4, 0, 0.4, 0.8       (4)
+//! t(z) = how long df has been below -(u + w z) or above o + w z     (1)
+//! m(z) = the longest t(z) so far, for relays -1 <= z <= 1           (2)
+//! g(z) = smooth_step((m(z) - T)/T_s)                                (3)
+//! dP   = -F mean_z g(z),   dQ = t dP                                (4)
 //! ```
 //!
 //! `df` is the frequency's deviation from that before the event, over the nominal one. `F` is negative for generation. Relays of one setting
-//! differ by what they measure: a fifth of them each acts at its own within `w` to both sides. Once `b_k` has
-//! lasted for `T` they are off within `T_s`, whatever the frequency does meanwhile. A phase jump, which a frequency channel
+//! differ by what they measure, evenly within `w` to both sides, and by their delays, which lie between `T` and `T + T_s`. So a frequency
+//! that turns back just beyond the setting trips a part of them. `m` is followed at five `z` and is linear between them, so that the mean
+//! of (4) is an integral in closed form. A phase jump, which a frequency channel
 //! shows for a few cycles, is shorter than the delay of any relay that is fit for use.
 //!
 //! Source: frequency elements of `DER_A` and PVD1 in the WECC composite load model; IEEE 1547-2003 (59.3 and 60.5 Hz
@@ -29,11 +30,13 @@ use crate::{
     load_model::{
         MotorCoordinates,
         composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Kind, Needs, Parameter, Place, State},
+        effect::{
+            Declaration, Declared, Equations, Kind, Needs, Parameter, Place, Prior, Scale, State,
+        },
     },
     numerics::{
         Elementary,
-        elementary::{at_least, smooth_step},
+        elementary::{larger, smooth_step},
     },
 };
 
@@ -41,12 +44,12 @@ use crate::{
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrequencyTrip;
 
-/// Half width over which a relay picks up, pu: 5 to 6 mHz, ...
+/// Half width over which the relays of one place pick up, pu: 5 to 6 mHz, ...
 const SPREAD_LEAST_PU: f64 = 1e-4;
-/// ... and this share of what settings differ by, so that one begins where another ends.
-const SPREAD_SHARE: f64 = 0.2;
-/// Relays with settings of their own, in half widths of what settings differ by.
-const PLACES: [f64; 5] = [-0.8, -0.4, 0.0, 0.4, 0.8];
+/// ... and this share of what settings differ by.
+const SPREAD_SHARE: f64 = 0.1;
+/// Places whose relays are followed, in half widths of what settings differ by.
+const PLACES: [f64; 5] = [-1.0, -0.5, 0.0, 0.5, 1.0];
 /// What stays open of a relay's frequency: a channel of frequency lags by one or two cycles (the frequency falls by some mHz
 /// meanwhile), and the frequency before an event is off its nominal value by 10 to 20 mHz.
 const RESOLUTION_PU: f64 = 3e-4;
@@ -54,6 +57,14 @@ const RESOLUTION_PU: f64 = 3e-4;
 const DELAY_RESOLUTION_S: f64 = 0.03;
 /// Beyond what any recording shows, pu.
 const NEVER: f64 = 0.06;
+
+/// A setting that no event has reached lies where none reaches: at a typical one the next event would be foretold to trip
+/// what nothing has shown.
+const UNSEEN: Prior = Prior {
+    centre: 0.03,
+    deviation: 1.0,
+    scale: Scale::Logarithmic,
+};
 
 const fn timer(name: &'static str) -> State {
     State { name, unit: "s" }
@@ -63,13 +74,19 @@ const DECLARATION: Declaration = Declaration {
     name: "frequency_trip",
     title: "Generation or load that the frequency switches off",
     kind: Kind::Physics,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::two_sided(["share", "F", "1"], [-1.0, -0.1, 0.9, 0.02]),
-        Parameter::positive_shape(["underfrequency", "u", "pu"], [0.002, 0.01, NEVER], 0.8)
-            .with_resolution(RESOLUTION_PU),
-        Parameter::positive_shape(["overfrequency", "o", "pu"], [0.002, 0.01, NEVER], 0.8)
-            .with_resolution(RESOLUTION_PU),
+        Parameter {
+            prior: UNSEEN,
+            ..Parameter::positive_shape(["underfrequency", "u", "pu"], [0.002, 0.01, NEVER], 1.0)
+                .with_resolution(RESOLUTION_PU)
+        },
+        Parameter {
+            prior: UNSEEN,
+            ..Parameter::positive_shape(["overfrequency", "o", "pu"], [0.002, 0.01, NEVER], 1.0)
+                .with_resolution(RESOLUTION_PU)
+        },
         Parameter::positive_shape(["delay_s", "T", "s"], [0.02, 0.16, 10.0], 0.7)
             .with_resolution(DELAY_RESOLUTION_S),
         Parameter::positive_shape(["spread_s", "T_s", "s"], [0.004, 0.03, 1.0], 0.7),
@@ -78,15 +95,15 @@ const DECLARATION: Declaration = Declaration {
     ],
     states: &[
         timer("timer_1"),
-        timer("since_pick_up_1"),
+        timer("longest_1"),
         timer("timer_2"),
-        timer("since_pick_up_2"),
+        timer("longest_2"),
         timer("timer_3"),
-        timer("since_pick_up_3"),
+        timer("longest_3"),
         timer("timer_4"),
-        timer("since_pick_up_4"),
+        timer("longest_4"),
         timer("timer_5"),
-        timer("since_pick_up_5"),
+        timer("longest_5"),
     ],
     acts_on: &[Place::States, Place::Power],
     excludes: &[],
@@ -119,7 +136,7 @@ impl Declared for FrequencyTrip {
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 4, 6]
+        vec![0, 3, 4, 6]
     }
 }
 
@@ -128,30 +145,51 @@ fn beyond<S: Elementary>(x: S, threshold: S, spread: S) -> S {
     smooth_step((x - threshold) / (spread * 2.0) + 0.5)
 }
 
+/// The integral of [`smooth_step`] from 0.
+fn smooth_ramp<S: Elementary>(x: S) -> S {
+    if x.value() <= 0.0 {
+        S::constant(0.0)
+    } else if x.value() >= 1.0 {
+        x + -0.5
+    } else {
+        x * x * x * (x * -0.5 + 1.0)
+    }
+}
+
+/// The mean of [`smooth_step`] between two arguments.
+fn mean_smooth_step<S: Elementary>(x: S, y: S) -> S {
+    // Nearer than this the difference of two integrals loses more than the middle is off, a quarter of its square.
+    const NEAR: f64 = 1e-5;
+    let (low, high) = (x.value().min(y.value()), x.value().max(y.value()));
+    if high <= 0.0 || low >= 1.0 || high - low < NEAR {
+        smooth_step((x + y) * 0.5)
+    } else {
+        (smooth_ramp(y) - smooth_ramp(x)) / (y - x)
+    }
+}
+
 impl<S: Elementary> Equations<S> for FrequencyTrip {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let df = step.frequency_deviation;
         let spread = p[5] * SPREAD_SHARE + SPREAD_LEAST_PU;
         for (relay, place) in x.chunks_exact_mut(2).zip(PLACES) {
-            let by = p[5] * place; // (4)
-            let away = beyond(-df, p[1] + by, spread) + beyond(df, p[2] + by, spread); // (1)
-            if let [timer, since] = relay {
-                relay::run_timer(timer, [away; 3], step.duration_s);
-                // Exact within a step: far from jumps steps are longer than what a relay's contacts take.
-                *since = if since.value() > 0.0 {
-                    *since + step.duration_s
-                } else {
-                    at_least(*timer - p[3], 0.0) // (2)
-                };
+            let by = p[5] * place;
+            let away = beyond(-df, p[1] + by, spread) + beyond(df, p[2] + by, spread);
+            if let [timer, longest] = relay {
+                relay::run_timer(timer, [away; 3], step.duration_s); // (1)
+                *longest = larger(*longest, *timer); // (2)
             }
         }
     }
 
     fn power(&self, p: &[S], x: &[S], _at: &Instant<S>, _rest: &Rest<S>) -> [S; 2] {
-        let open = x.chunks_exact(2).map(|relay| smooth_step(relay[1] / p[4]));
+        let late = |relay: &[S]| (relay[1] - p[3]) / p[4];
+        let relays = x.chunks_exact(2);
+        let between = relays.clone().zip(relays.skip(1));
+        let open = between.map(|(one, next)| mean_smooth_step(late(one), late(next))); // (3)
         let open = open.fold(S::constant(0.0), |sum, one| sum + one);
-        let lost = -(p[0] * open) * (1.0 / PLACES.len() as f64);
-        [lost, p[6] * lost] // (3)
+        let lost = -(p[0] * open) * (1.0 / (PLACES.len() - 1) as f64);
+        [lost, p[6] * lost] // (4)
     }
 }
 
@@ -179,7 +217,7 @@ mod tests {
 
     #[test]
     fn generation_is_gone_once_the_frequency_has_been_low_for_the_delay() {
-        // Below 0.01 after 1 + 2/1.25 s = 2.6 s, 0.16 s of delay, all off 0.05 s later.
+        // Below 0.01 after 1 + 2/1.25 s = 2.6 s, 0.16 s of delay, all off within 0.03 s of it and 0.064 s of settings.
         let added = added(0.0125);
         assert!(added[162].abs() < 1e-12, "{}", added[162]);
         for sample in [174, 360] {
@@ -189,6 +227,25 @@ mod tests {
                 added[sample]
             );
         }
+    }
+
+    #[test]
+    fn a_frequency_that_turns_back_at_the_setting_trips_half() {
+        let model = ComposedModel::new(&Structure::zip_im().with("frequency_trip").unwrap());
+        let input = lasting(6.0, |_| [1.0, 0.0], &[]);
+        // Down to 0.0104 and back at 0.004/s: beyond 0.01 for 0.2 s, the delay and half of what delays differ by.
+        let course: Vec<f64> = (0..=360)
+            .map(|k| (4e-3 * (f64::from(k) / 60.0 - 3.0).abs() - 0.0104).min(0.0))
+            .collect();
+        let drive = Drive::new(&input, &course, 0.3);
+        let mut at = model.typical();
+        for (name, value) in [("delay_s", 0.15), ("spread_s", 0.1)] {
+            at[model.index(&format!("frequency_trip.{name}")).unwrap()] = value;
+        }
+        let with = model.simulate(&at, &[], &drive).unwrap();
+        let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
+        let added = with.active[360] - without.active[360];
+        assert!((added - 0.05).abs() < 2e-4, "{added}");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::{
     load_model::effect::Parameter,
     numerics::{
         Scalar,
-        elementary::{larger, smooth_step},
+        elementary::{larger, smaller, smooth_step},
     },
 };
 
@@ -120,9 +120,49 @@ pub(super) fn open<S: Scalar>(
     let [timer, picked_up, since, opened] = state;
     let before = *picked_up;
     latch([timer, picked_up], condition, times.pick_up_s, duration_s);
-    *since = *since + (before + *picked_up) * (0.5 * duration_s);
+    part(before, *picked_up, since, opened, times, duration_s);
+}
+
+/// Lets the contacts of what has picked up part: `before` and `picked_up` are the shares at both ends of the step.
+fn part<S: Scalar>(
+    before: S,
+    picked_up: S,
+    since: &mut S,
+    opened: &mut S,
+    times: SwitchTimes<S>,
+    duration_s: f64,
+) {
+    *since = *since + (before + picked_up) * (0.5 * duration_s);
     if since.value() > 0.0 {
         *opened = smooth_step((*since - times.opening_s) / times.spread_s);
+    }
+}
+
+/// [`open`] at the dip `number` only, counted from 1, at most the third: `counted` holds the shares that past dips have picked
+/// up at least once and at least twice. Relays differ by their settings alone, so what a shorter dip picks up a longer one
+/// does too, and those that have picked up `number` times are as many as in the dip that comes `number`-th by its length.
+pub(super) fn open_at_dip<S: Scalar>(
+    number: f64,
+    state: [&mut S; 4],
+    counted: [&mut S; 2],
+    condition: [S; 3],
+    times: SwitchTimes<S>,
+    duration_s: f64,
+) {
+    if number < 1.5 {
+        open(state, condition, times, duration_s);
+        return;
+    }
+    let ([timer, picked_up, since, opened], [once, twice]) = (state, counted);
+    let (before, in_dip) = (*picked_up, switched(*timer, times.pick_up_s));
+    run_timer(timer, condition, duration_s);
+    let earlier = if number < 2.5 { *once } else { *twice };
+    let now = switched(*timer, times.pick_up_s);
+    *picked_up = larger(*picked_up, smaller(earlier, now));
+    part(before, *picked_up, since, opened, times, duration_s);
+    if timer.value() <= 0.0 && in_dip.value() > 0.0 {
+        *twice = larger(*twice, smaller(*once, in_dip));
+        *once = larger(*once, in_dip);
     }
 }
 

@@ -8,8 +8,8 @@
 //! not return.
 //!
 //! ```text
-//! g  = open(V < V_th for T, T_o, T_s)       (1)
-//! dP = -F v^n g,   dQ = t dP                (2)
+//! g  = open(V < V_th for T at the N-th dip, T_o, T_s)       (1)
+//! dP = -F v^n g,   dQ = t dP                                (2)
 //! ```
 //!
 //! What is gone drew its power as `v^n` before: in the dip less is lost than after it. Without that a fit opens
@@ -18,8 +18,13 @@
 //! `open` picks up when the voltage has been low for `T`; then the contacts part after `T_o`, all of them
 //! within `T_s`, also when the voltage is back by then.
 //!
-//! Source: no published model; the equation is a definite-time relay with memory. Not included: a
-//! count of successive dips, return.
+//! Uninterruptible supplies of data centres count: at the second or third dip within a minute, as unsuccessful reclosures
+//! make them, they keep their load to themselves. `N` counts the dips of an event that last for `T`; a search tries it where
+//! an event has several. A dip that came before the window is not known of.
+//!
+//! Source: no published model; the equation is a definite-time relay with memory. That data centres count dips: NERC, incident
+//! review on simultaneous losses of voltage-sensitive load (2025; from memory, not verified). Not included: return, a load
+//! that leaves for the length of every dip before it stays away.
 
 use super::relay::{self, SwitchTimes};
 use crate::{
@@ -44,7 +49,7 @@ const DECLARATION: Declaration = Declaration {
     name: "self_disconnection",
     title: "Load that disconnects itself and stays off",
     kind: Kind::Physics,
-    version: 4,
+    version: 5,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.1, 0.6, 0.02]),
         Parameter::shape(["voltage", "V_th", "pu"], [0.4, 0.7, 0.94], 0.12)
@@ -56,6 +61,7 @@ const DECLARATION: Declaration = Declaration {
         Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
         Parameter::shape(["reactive_ratio", "t", "1"], [-0.3, 0.0, 0.5], 0.15),
         Parameter::shape(["voltage_exponent", "n", "1"], [0.0, 1.0, 3.0], 0.6),
+        Parameter::count(["dips", "N", "1"], [1.0, 3.0]),
     ],
     states: &[
         State {
@@ -74,13 +80,21 @@ const DECLARATION: Declaration = Declaration {
             name: "disconnected",
             unit: "1",
         },
+        State {
+            name: "counted_once",
+            unit: "1",
+        },
+        State {
+            name: "counted_twice",
+            unit: "1",
+        },
     ],
     acts_on: &[Place::States, Place::Power],
     excludes: &[],
     resembles: &["electronic_load_dropout", "motor_undervoltage_trip"],
     needs: Needs {
         voltage_below: Some(0.9),
-        separating_event: "events on both sides of the threshold, and several depths below it",
+        separating_event: "events on both sides of the threshold, and several depths below it; whether dips are counted shows in faults that are repeated",
         ..Needs::A_DIP
     },
     source: "definite-time relay with memory; no published load model (share .02-.2 not verified)",
@@ -95,9 +109,13 @@ impl Declared for SelfDisconnection {
         Some("voltage")
     }
 
+    fn counts_dips(&self) -> Option<&'static str> {
+        Some("dips")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         [0.003, 0.02, 0.06]
-            .map(|opening_s| vec![0.7, 0.02, opening_s, 0.02, 0.0, 1.0])
+            .map(|opening_s| vec![0.7, 0.02, opening_s, 0.02, 0.0, 1.0, 1.0])
             .to_vec()
     }
 
@@ -109,14 +127,15 @@ impl Declared for SelfDisconnection {
 impl<S: Elementary> Equations<S> for SelfDisconnection {
     fn advance(&self, p: &[S], x: &mut [S], step: &Step<S>, _rest: &Rest<S>) {
         let low = step.voltage.map(|v| relay::below(v, p[1]));
-        if let [timer, picked_up, since, disconnected] = x {
+        if let [timer, picked_up, since, disconnected, once, twice] = x {
             let times = SwitchTimes {
                 pick_up_s: p[2],
                 opening_s: p[3],
                 spread_s: p[4],
             };
-            let relay = [timer, picked_up, since, disconnected];
-            relay::open(relay, low, times, step.duration_s); // (1)
+            let state = [timer, picked_up, since, disconnected];
+            let counted = [once, twice];
+            relay::open_at_dip(p[7].value(), state, counted, low, times, step.duration_s); // (1)
         }
     }
 
@@ -155,6 +174,34 @@ mod tests {
             let [_, [active, reactive]] = lost(depth);
             assert!((active - expected).abs() < 1e-12, "{active}");
             assert!(reactive.abs() < 1e-12, "{reactive}");
+        }
+    }
+
+    #[test]
+    fn load_that_counts_leaves_at_its_dip_and_not_before() {
+        let model = ComposedModel::new(&Structure::zip_im().with("self_disconnection").unwrap());
+        let low = |t: f64| {
+            [0.5..0.7, 1.0..1.2, 1.5..1.7]
+                .iter()
+                .any(|dip| dip.contains(&t))
+        };
+        let dips = |t: f64| [if low(t) { 0.6 } else { 1.0 }, 0.0];
+        let input = lasting(2.0, dips, &[0.5, 0.7, 1.0, 1.2, 1.5, 1.7]);
+        let drive = Drive::new(&input, &[], 0.3);
+        let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
+        let count = model.index("self_disconnection.dips").unwrap();
+        for (dips, gone) in [
+            (1.0, [0.1, 0.1, 0.1]),
+            (2.0, [0.0, 0.1, 0.1]),
+            (3.0, [0.0, 0.0, 0.1]),
+        ] {
+            let mut at = model.typical();
+            at[count] = dips;
+            let with = model.simulate(&at, &[], &drive).unwrap();
+            for (sample, gone) in [54, 84, 114].into_iter().zip(gone) {
+                let lost = without.active[sample] - with.active[sample];
+                assert!((lost - gone).abs() < 1e-12, "{dips} {sample}: {lost}");
+            }
         }
     }
 

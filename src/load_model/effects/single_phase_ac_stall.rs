@@ -17,7 +17,7 @@
 //! stall:  p = G v^2,  q = B v^2                                                             (3)
 //! s = latch(v < V_st for T_st),  b = r latch(v > V_rs for T_rs), until they stall again      (4)
 //! T_th dh/dt = G v^2 - h,   k = 1 - (h - h_1)/h_s within 0..1                                (5)
-//! dP = F ((1 - s + s b) p_run + s (1 - b) k p_stall - 1), dQ likewise                        (6)
+//! dP = F ((1 - s + s b) p_run (1 + K_pf df) + s (1 - b) k p_stall - 1), dQ likewise with K_qf (6)
 //! ```
 //!
 //! The running curves are fixed: recordings do not determine them; their voltages are shares of V0. Below the voltage
@@ -25,8 +25,8 @@
 //!
 //! Source: motor D of the WECC composite load model: Kq1 6, Nq1 2, Kp2 12, Np2 3.2, Kq2 11, Nq2 2.5, Vbrk .86, Rstall
 //! .124, Xstall .114, Tstall .033, Vstall .55-.65, Vrst .9-.95, Trst .3-.4, Th1t .7-1.3, Th2t 1.9-4.3, Tth 10-15 s (all from
-//! memory, not verified); a `q_r` of .25 is a power factor of .97. Not included: frequency factors, contactors
-//! (`contactor_dropout`), undervoltage relays.
+//! memory, not verified), `CmpKpf` 1 and `CmpKqf` -3.3 (likewise); a `q_r` of .25 is a power factor of .97. Not included:
+//! contactors (`contactor_dropout`), undervoltage relays.
 
 use super::{lag::lag, relay};
 use crate::{
@@ -63,7 +63,7 @@ const DECLARATION: Declaration = Declaration {
     name: "single_phase_ac_stall",
     title: "Single-phase air conditioners that stall",
     kind: Kind::Physics,
-    version: 5,
+    version: 6,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.15, 0.6, 0.02]),
         Parameter::shape(["stall_voltage", "V_st", "pu"], [0.4, 0.62, 0.8], 0.06)
@@ -85,6 +85,8 @@ const DECLARATION: Declaration = Declaration {
         Parameter::positive_shape(["first_trip_heat", "h_1", "1"], [0.3, 0.9, 3.0], 0.4),
         Parameter::positive_shape(["trip_heat_span", "h_s", "1"], [0.3, 1.4, 5.0], 0.4),
         Parameter::shape(["reactive_ratio", "q_r", "1"], [0.0, 0.25, 0.8], 0.05),
+        Parameter::shape(["frequency_active", "K_pf", "1"], [-2.0, 1.0, 3.0], 0.7),
+        Parameter::shape(["frequency_reactive", "K_qf", "1"], [-6.0, -3.3, 3.0], 2.0),
     ],
     states: &[
         state("stall_timer", "s"),
@@ -122,14 +124,14 @@ impl Declared for SinglePhaseAcStall {
         [5.0, 15.0]
             .map(|thermal_s| {
                 vec![
-                    0.62, 0.035, 4.4, 4.0, thermal_s, 0.1, 0.92, 0.35, 0.9, 1.4, 0.25,
+                    0.62, 0.035, 4.4, 4.0, thermal_s, 0.1, 0.92, 0.35, 0.9, 1.4, 0.25, 1.0, -3.3,
                 ]
             })
             .to_vec()
     }
 
     fn beside_the_states(&self) -> Vec<usize> {
-        vec![0, 4, 6, 11]
+        vec![0, 4, 6, 11, 12, 13]
     }
 
     fn mistaken_for(&self, values: &[f64]) -> Vec<Vec<f64>> {
@@ -194,8 +196,9 @@ impl<S: Elementary> Equations<S> for SinglePhaseAcStall {
         let locked = stalled * (-back + 1.0);
         let run = -locked + 1.0;
         let hot = locked * left_on(x[4], p) * (v * v);
-        let active = run * p_run + hot * p[3];
-        let reactive = run * q_run + hot * p[4];
+        let df = at.frequency_deviation;
+        let active = run * (p_run * (p[12] * df + 1.0)) + hot * p[3];
+        let reactive = run * (q_run * (p[13] * df + 1.0)) + hot * p[4];
         [p[0] * (active + -1.0), p[0] * (reactive - p[11])] // (6)
     }
 }
@@ -256,6 +259,22 @@ mod tests {
             let more = with.active[k] - without.active[k];
             assert!((more - expected).abs() < 1e-3, "{k}: {more}");
         }
+    }
+
+    #[test]
+    fn running_air_conditioners_follow_the_frequency() {
+        let model = ComposedModel::new(&Structure::zip_im().with("single_phase_ac_stall").unwrap());
+        let input = lasting(1.0, |_| [1.0, 0.0], &[]);
+        let course = vec![-0.01; 61];
+        let drive = Drive::new(&input, &course, 0.3);
+        let mut p = model.typical();
+        p[8] = 0.2;
+        let with = model.simulate(&p, &[], &drive).unwrap();
+        let without = model.simulate(&model.neutral(), &[], &drive).unwrap();
+        let k = with.active.len() - 1;
+        // 0.2 x 1 x -0.01; 0.2 x 0.25 x -3.3 x -0.01.
+        assert!((with.active[k] - without.active[k] + 0.002).abs() < 1e-12);
+        assert!((with.reactive[k] - without.reactive[k] - 0.001_65).abs() < 1e-12);
     }
 
     #[test]

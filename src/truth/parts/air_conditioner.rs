@@ -9,12 +9,14 @@
 //! (4)  stalled:  P = V^2 R/(R^2 + X^2),  Q = V^2 X/(R^2 + X^2)
 //! (5)  V < V_stall for T_stall: all stall; V > V_rst for T_rst: the share F_rst runs again
 //! (6)  T_th d theta/dt = I^2 R - theta; of those that stand, 1 - (theta - Th1)/(Th2 - Th1) are left
+//! (7)  running P times 1 + K_pf df, Q times 1 + K_qf df; df is the rate of an angle that follows the voltage's
 //! ```
 //!
 //! Powers over the motors' power at 1 pu. Source: WECC composite load model, motor D (performance
 //! model of single-phase air conditioners); Kp1 = 0, Np1 = 1 and the other values as listed in the
-//! catalogue of effects. Contactors and frequency dependence of motor D are left out.
+//! catalogue of effects. Contactors of motor D are left out.
 
+use super::frequency::FrequencyTracker;
 use crate::truth::{
     Phasor,
     load::{Operation, Part, Terminal},
@@ -42,10 +44,16 @@ pub(in crate::truth) struct AirConditionerSettings {
     pub(in crate::truth) thermal_s: f64,
     /// Th1 and Th2.
     pub(in crate::truth) thermal_trip: (f64, f64),
+    /// `K_pf` and `K_qf`.
+    pub(in crate::truth) frequency: (f64, f64),
+    /// Nominal frequency, rad/s.
+    pub(in crate::truth) nominal_rad_s: f64,
 }
 
 /// `V_brk`, pu.
 const BREAK_PU: f64 = 0.86;
+/// Time constant with which the motors' frequency follows, s.
+const FREQUENCY_LAG_S: f64 = 0.03;
 /// Kq1, Nq1.
 const REACTIVE_ABOVE: (f64, f64) = (6.0, 2.0);
 /// Kp2, Np2.
@@ -93,18 +101,19 @@ struct Group {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::truth) struct AirConditioner {
     settings: AirConditionerSettings,
+    tracker: FrequencyTracker,
     /// Active power at 1 pu voltage, pu of the load base.
     rating: f64,
     groups: [Group; 2],
-    initial_voltage_pu: f64,
+    initial_voltage: Phasor,
 }
 
 impl AirConditioner {
-    /// Air conditioners that draw `active_pu` at `initial_voltage_pu`, all running.
+    /// Air conditioners that draw `active_pu` at `initial_voltage`, all running.
     pub(in crate::truth) fn new(
         settings: AirConditionerSettings,
         active_pu: f64,
-        initial_voltage_pu: f64,
+        initial_voltage: Phasor,
     ) -> Self {
         let relay = |return_above_pu: f64| {
             Relay::new(RelaySettings {
@@ -122,19 +131,33 @@ impl AirConditioner {
         };
         Self {
             settings,
-            rating: active_pu / settings.running(initial_voltage_pu).re,
+            tracker: FrequencyTracker {
+                nominal_rad_s: settings.nominal_rad_s,
+                lag_s: FREQUENCY_LAG_S,
+            },
+            rating: active_pu / settings.running(initial_voltage.norm()).re,
             groups: [
                 group(1.0 - settings.restarting, relay(f64::INFINITY)),
                 group(settings.restarting, relay(settings.restart_pu)),
             ],
-            initial_voltage_pu,
+            initial_voltage,
         }
     }
 
+    /// Power of running motors over their rating at a frequency deviation, (7).
+    fn running(&self, voltage_pu: f64, deviation: f64) -> Phasor {
+        let power = self.settings.running(voltage_pu);
+        let (active, reactive) = self.settings.frequency;
+        Phasor::new(
+            power.re * (1.0 + active * deviation),
+            power.im * (1.0 + reactive * deviation),
+        )
+    }
+
     /// Power of one motor of `group` over its rating.
-    fn power(&self, group: &Group, voltage_pu: f64) -> Phasor {
+    fn power(&self, group: &Group, voltage_pu: f64, deviation: f64) -> Phasor {
         if group.relay.closed() {
-            self.settings.running(voltage_pu)
+            self.running(voltage_pu, deviation)
         } else {
             self.settings.standing(voltage_pu)
         }
@@ -142,7 +165,7 @@ impl AirConditioner {
 
     /// I^2 R of one motor: the heat that (6) integrates.
     fn heat(&self, group: &Group, voltage_pu: f64) -> f64 {
-        let current = self.power(group, voltage_pu).norm() / voltage_pu;
+        let current = self.power(group, voltage_pu, 0.0).norm() / voltage_pu;
         current * current * self.settings.stalled.0
     }
 
@@ -165,27 +188,30 @@ impl AirConditioner {
 
 impl Part for AirConditioner {
     fn states(&self) -> usize {
-        2
+        3
     }
 
     fn initial_state(&self) -> Vec<f64> {
-        let heat = |group| self.heat(group, self.initial_voltage_pu);
-        self.groups.iter().map(heat).collect()
+        let heat = |group| self.heat(group, self.initial_voltage.norm());
+        let angle_rad = self.initial_voltage.arg();
+        self.groups.iter().map(heat).chain([angle_rad]).collect()
     }
 
     fn current(&self, at: Terminal, state: &[f64]) -> Phasor {
         let voltage_pu = at.voltage.norm();
+        let deviation = self.tracker.deviation(at.voltage, state[2]);
         let groups = self.groups.iter().zip(state);
         let power: Phasor = groups
             .map(|(group, temperature)| {
                 let left = self.left(group, *temperature);
-                self.power(group, voltage_pu) * (group.share * left)
+                self.power(group, voltage_pu, deviation) * (group.share * left)
             })
             .sum();
         (power * self.rating / at.voltage).conj()
     }
 
     fn derivatives(&self, at: Terminal, state: &[f64], slope: &mut [f64]) {
+        slope[2] = self.tracker.rate_rad_s(at.voltage, state[2]);
         for ((group, temperature), rate) in self.groups.iter().zip(state).zip(slope) {
             let heat = self.heat(group, at.voltage.norm());
             *rate = (heat - temperature) / self.settings.thermal_s; // (6)
@@ -206,7 +232,7 @@ impl Part for AirConditioner {
     }
 
     fn react(&mut self, at: Terminal, state: &[f64], log: &mut Vec<Operation>) {
-        for (index, temperature) in state.iter().enumerate() {
+        for (index, temperature) in state.iter().enumerate().take(self.groups.len()) {
             let trips = self.next_trip(&self.groups[index]) <= *temperature;
             let group = &mut self.groups[index];
             if group.share <= 0.0 {
@@ -246,6 +272,8 @@ mod tests {
             restart_delay_s: 0.3,
             thermal_s: 15.0,
             thermal_trip: (0.7, 1.9),
+            frequency: (1.0, -3.3),
+            nominal_rad_s: 377.0,
         }
     }
 
@@ -257,12 +285,12 @@ mod tests {
     }
 
     fn power(part: &AirConditioner, voltage: f64) -> Phasor {
-        voltage * part.current(at(0.0, voltage), &[0.1, 0.1]).conj()
+        voltage * part.current(at(0.0, voltage), &[0.1, 0.1, 0.0]).conj()
     }
 
     #[test]
     fn running_motors_draw_what_the_published_curves_say() {
-        let part = AirConditioner::new(settings(), 0.2, 1.0);
+        let part = AirConditioner::new(settings(), 0.2, Phasor::new(1.0, 0.0));
         // tan(acos 0.98) = 0.203059; Q0' = 0.203059 - 6 x 0.14^2 = 0.085459.
         assert!((power(&part, 1.0) - Phasor::new(0.2, 0.040_611_8)).norm() < 1e-6);
         // V = 0.76: P = 1 + 12 x 0.1^3.2 = 1.0075715, Q = 0.085459 + 11 x 0.1^2.5 = 0.120244.
@@ -275,7 +303,7 @@ mod tests {
 
     #[test]
     fn stalled_motors_are_an_impedance_and_some_restart() {
-        let mut part = AirConditioner::new(settings(), 0.2, 1.0);
+        let mut part = AirConditioner::new(settings(), 0.2, Phasor::new(1.0, 0.0));
         let state = part.initial_state();
         let mut log = Vec::new();
         part.react(at(1.0, 0.5), &state, &mut log);
@@ -295,17 +323,17 @@ mod tests {
 
     #[test]
     fn stalled_motors_heat_up_and_trip_between_the_two_temperatures() {
-        let mut part = AirConditioner::new(settings(), 0.2, 1.0);
+        let mut part = AirConditioner::new(settings(), 0.2, Phasor::new(1.0, 0.0));
         let mut state = part.initial_state();
         let mut log = Vec::new();
         part.react(at(1.0, 0.5), &state, &mut log);
         part.react(at(1.1, 0.5), &state, &mut log);
-        let mut slope = [0.0; 2];
+        let mut slope = [0.0; 3];
         part.derivatives(at(1.1, 0.9), &state, &mut slope);
         // I^2 R = 0.81/0.028372 x 0.124 = 3.540110; (3.540110 - theta)/15.
         assert!((slope[0] - (3.540_110 - state[0]) / 15.0).abs() < 1e-6);
         // At 1.3, halfway from 0.7 to 1.9, half of those that do not restart are left; the others are cold.
-        state = vec![1.3, 0.2];
+        state = vec![1.3, 0.2, 0.0];
         let left = 0.5 * 0.8 + 0.2;
         let standing = part.settings.standing(0.9) * 0.2;
         let power = 0.9 * part.current(at(5.0, 0.9), &state).conj();
@@ -318,8 +346,18 @@ mod tests {
     }
 
     #[test]
+    fn running_motors_follow_the_frequency_once_they_notice_it() {
+        let part = AirConditioner::new(settings(), 0.2, Phasor::new(1.0, 0.0));
+        // An angle that is followed 0.02 x 377 rad/s x 0.03 s behind: df = 0.02.
+        let state = [0.1, 0.1, -0.02 * 377.0 * FREQUENCY_LAG_S];
+        let power = part.current(at(0.0, 1.0), &state).conj();
+        let expected = Phasor::new(0.2 * 1.02, 0.040_611_8 * (1.0 - 3.3 * 0.02));
+        assert!((power - expected).norm() < 1e-6, "{power}");
+    }
+
+    #[test]
     fn a_mild_dip_stalls_nothing() {
-        let mut part = AirConditioner::new(settings(), 0.2, 1.0);
+        let mut part = AirConditioner::new(settings(), 0.2, Phasor::new(1.0, 0.0));
         let state = part.initial_state();
         let mut log = Vec::new();
         part.react(at(1.0, 0.61), &state, &mut log);
