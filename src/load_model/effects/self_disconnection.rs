@@ -19,12 +19,13 @@
 //! within `T_s`, also when the voltage is back by then.
 //!
 //! Uninterruptible supplies of data centres count: at the second or third dip within a minute, as unsuccessful reclosures
-//! make them, they keep their load to themselves. `N` counts the dips of an event that last for `T`; a search tries it where
-//! an event has several. A dip that came before the window is not known of.
+//! make them, they keep their load to themselves (on 10 July 2024 about 1500 MW left in Virginia, after six faults within
+//! 82 s). `N` counts the dips of an event that last for `T`; a search tries it where an event has several. A dip that came before
+//! the window is not known of.
 //!
-//! Source: no published model; the equation is a definite-time relay with memory. That data centres count dips: NERC, incident
-//! review on simultaneous losses of voltage-sensitive load (2025; from memory, not verified). Not included: return, a load
-//! that leaves for the length of every dip before it stays away.
+//! Source: no published model; the equation is a definite-time relay with memory. Data centres: NERC, incident review
+//! on simultaneous reductions of voltage-sensitive load, January 2025 (figures as reported; at which dip is from memory, not
+//! verified). Not included: return, a load that leaves for the length of every dip before it stays away.
 
 use super::relay::{self, SwitchTimes};
 use crate::{
