@@ -143,8 +143,13 @@ fn product(lists: &[Vec<f64>]) -> Vec<Vec<f64>> {
 
 fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
     if text.len() > FILE_BYTES_MAX {
-        let message = format!("the file has {} bytes", text.len());
-        faults.add(0, message, format!("at most {FILE_BYTES_MAX}"));
+        // Its length is not known: only so much of it was read.
+        let message = "the file is too long";
+        faults.add(
+            0,
+            message,
+            format!("at most {FILE_BYTES_MAX} bytes, one effect to a file"),
+        );
         return None;
     }
     let (document, errors) = DeTable::parse_recoverable(text);
