@@ -18,6 +18,8 @@ const OPEN_SHARE: f64 = 0.25;
 const RISE: f64 = 4.0;
 /// ... or by this share of it, if that is more: residuals last.
 const RISE_OF_LEFT: f64 = 0.003;
+/// The same of delays of a relay whose voltage they leave open: with it, how long a dip has to last is open, too.
+const RISE_OF_DELAYS: f64 = 0.03;
 
 /// The events that are `open`, where they are few of those foretold: an effect that foretells many of them badly only
 /// bends to what it was fitted to.
@@ -30,10 +32,10 @@ fn few(mut open: Vec<bool>, foretold: &[Option<f64>]) -> Vec<bool> {
     open
 }
 
-/// Whether a fit follows its events as well as another one of the same does.
-fn as_near(fit: &ComposedFit, other: &ComposedFit) -> bool {
+/// Whether a fit leaves at most two standard errors or this share more of its events than another one of the same.
+fn as_near(fit: &ComposedFit, other: &ComposedFit, share: f64) -> bool {
     let [left, least] = [fit, other].map(|fit| fit.squares.iter().sum::<f64>());
-    left <= least + RISE.max(RISE_OF_LEFT * least)
+    left <= least + RISE.max(share * least)
 }
 
 impl Case<'_> {
@@ -43,12 +45,56 @@ impl Case<'_> {
     }
 
     /// The model of `fit` fitted again to the fitted events alone, as what decides must not have
-    /// been fitted; but for what events only bracket. `None` when it cannot be simulated there.
+    /// been fitted. `None` when it cannot be simulated there.
     fn without_gate(&self, fit: &ComposedFit, options: &ComposedFitOptions) -> Option<ComposedFit> {
-        self.fitted_to(&self.part(false), fit, options)
+        self.unseen_by(&self.part(false), fit, options)
     }
 
-    /// The same on these events.
+    /// The same of these events alone, but for what they leave open: frequencies at which something switches are those of
+    /// `fit` where the events are followed as well with them, and so are voltages ([`Self::open_levels_held`]).
+    fn unseen_by(
+        &self,
+        events: &[PreparedEvent],
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+    ) -> Option<ComposedFit> {
+        let own = self.fitted_to(events, fit, options)?;
+        let held = composed::with_frequency_levels_of(&own, fit);
+        let held = held.and_then(|held| self.fitted_to(events, &held, options));
+        let own = held
+            .filter(|held| as_near(held, &own, RISE_OF_LEFT))
+            .unwrap_or(own);
+        let held = self.open_levels_held(events, &own, fit, options);
+        Some(held.unwrap_or(own))
+    }
+
+    /// `own`, a fit to these events, fitted again with the voltages of its relays that the events leave open as they are in
+    /// `fit`: where one lies between a dip that operated a relay and one that did not, an event between them cannot be
+    /// foretold, and says nothing against the model. So with how long it has to last, where the events are followed as well
+    /// with the delays of `fit`. Of a relay that counts dips only events tell that have as many. `None` where none is open.
+    fn open_levels_held(
+        &self,
+        events: &[PreparedEvent],
+        own: &ComposedFit,
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+    ) -> Option<ComposedFit> {
+        let open = |[one, other]: [f64; 2], dip: f64| {
+            let tells = |e: &PreparedEvent| dip <= 1.0 || composed::dips(e) as f64 >= dip;
+            let between = |e: &PreparedEvent| {
+                let lowest = e.lowest_voltage * e.v0_pu;
+                one.min(other) < lowest && lowest < one.max(other)
+            };
+            !events.iter().any(|e| tells(e) && between(e))
+        };
+        let starts = composed::with_levels_of(own, fit, open)?;
+        let [levels, settings] = starts.map(|start| self.fitted_to(events, &start, options));
+        let levels = levels?;
+        let settings = settings.filter(|settings| as_near(settings, &levels, RISE_OF_DELAYS));
+        Some(settings.unwrap_or(levels))
+    }
+
+    /// The model of `fit` fitted again to these events, but for what events only bracket.
     fn fitted_to(
         &self,
         events: &[PreparedEvent],
@@ -75,32 +121,18 @@ impl Case<'_> {
         composed::narrowed(&self.judged, fit, options, self.watcher.cancel)
     }
 
-    /// The same without the gate. Levels of relays that the fitted events leave open are those of `fit`: where one
-    /// lies between a dip that operated a relay and one that did not, an event between them cannot be foretold,
-    /// and says nothing against the model. So with the frequency of one that a
-    /// decline reached and another did not.
+    /// The same without the gate. Whether a voltage is open is asked once more of where the narrowing took it.
     pub(super) fn narrowed_without_gate(
         &self,
         fit: &ComposedFit,
     ) -> Result<ComposedFit, IdentificationError> {
-        let fitted = self.part(false);
         let options = &self.options.composed;
+        let fitted = self.part(false);
         let narrowed =
             |own: ComposedFit| composed::narrowed(&fitted, &own, options, self.watcher.cancel);
-        let own = (self.without_gate(fit, options)).ok_or_else(|| self.failed())?;
-        let held = composed::with_frequency_levels_of(&own, fit);
-        let held = held.and_then(|held| self.without_gate(&held, options));
-        let free = narrowed(held.filter(|held| as_near(held, &own)).unwrap_or(own));
-        let open = |[one, other]: [f64; 2]| {
-            let between = |e: &PreparedEvent| {
-                let lowest = e.lowest_voltage * e.v0_pu;
-                one.min(other) < lowest && lowest < one.max(other)
-            };
-            !fitted.iter().any(between)
-        };
-        let held = composed::with_levels_of(&free, fit, open);
-        let held = held.and_then(|held| self.without_gate(&held, options));
-        Ok(held.map_or(free, narrowed))
+        let own = narrowed((self.without_gate(fit, options)).ok_or_else(|| self.failed())?);
+        let held = self.open_levels_held(&fitted, &own, fit, options);
+        Ok(held.map_or(own, narrowed))
     }
 
     /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely
@@ -161,7 +193,7 @@ impl Case<'_> {
                 .filter(|(_, held)| !**held)
                 .map(|(event, _)| event.clone())
                 .collect();
-            let own = self.fitted_to(&others, fit, &self.options.composed.coarse());
+            let own = self.unseen_by(&others, fit, &self.options.composed.coarse());
             let own = match own {
                 Some(own) => self.foretold(&own, held),
                 None => held

@@ -43,8 +43,8 @@ pub struct SearchOptions {
     pub second_starts_max: usize,
     /// Whether what was found is held against a scan of its own afterwards. Default off.
     pub check: ScanCheck,
-    /// Joint fits whose best local solution leaves more than this (weighted squares per row) are not
-    /// explored: what else there is follows them no better. Default infinite.
+    /// Fits whose best local solution leaves more than this (weighted squares per row) are not
+    /// explored: what else there is describes them no better. Default infinite.
     pub explored_below_per_row: f64,
 }
 
@@ -161,7 +161,7 @@ pub struct Fit {
 /// Why nothing but the best solution was explored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BestOnly {
-    /// It leaves more than ten standard deviations per sample of several events.
+    /// It leaves more than ten standard deviations per sample of several events, or more than was asked to be explored.
     NothingDescribes,
     /// Half of the motors that the box is scanned with leave hardly more than the best of them.
     MotorsDoNotDiffer,

@@ -107,6 +107,16 @@ mod tests {
     }
 
     #[test]
+    fn a_set_of_earlier_versions_counts_no_dips() {
+        let mut fitted = typical(&["zip", "induction_motor", "self_disconnection"]);
+        let name = "self_disconnection.dips";
+        fitted.values.retain(|(known, _)| known != name);
+        let load = fitted.load().unwrap();
+        let at = load.model.index(name).unwrap();
+        assert!((load.parameters[at] - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
     fn a_parameter_without_a_value_is_an_error_with_its_name() {
         let mut fitted = typical(&["zip", "induction_motor"]);
         let (name, _) = fitted.values.remove(0);

@@ -308,6 +308,9 @@ pub fn fit_aligned(
             }
             Some(next) if !settled => events = with_instants(&events, &next.instants),
             _ => {
+                if !exploring {
+                    found.best_only = found.best_only.or(Some(BestOnly::NothingDescribes));
+                }
                 found.scan = check(&events, problem, search, &found.solutions, cancel);
                 events = on_trend(&events, &trend);
                 return Ok(AlignedFit {

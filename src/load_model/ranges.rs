@@ -94,6 +94,12 @@ pub enum RangeError {
         /// The value.
         value: f64,
     },
+    /// Something else than bounds that are whole numbers.
+    #[error("`{name}` counts: it takes bounds that are whole numbers, and no prior")]
+    Count {
+        /// The parameter.
+        name: String,
+    },
     /// A prior where there is none of its own.
     #[error("`{name}` takes bounds only: a coefficient of ZIP and motor has no prior of its own")]
     NoPrior {
@@ -184,7 +190,14 @@ impl ParameterRange {
         }
         let lower = self.lower.unwrap_or(declared.lower);
         let upper = self.upper.unwrap_or(declared.upper);
-        if lower >= upper {
+        let counts = declared.role == Role::Count;
+        let is_whole = |bound: f64| bound.fract().abs() < f64::EPSILON;
+        let has_prior = self.centre.is_some() || self.deviation.is_some();
+        if counts && (has_prior || !is_whole(lower) || !is_whole(upper)) {
+            return Err(RangeError::Count { name: name() });
+        }
+        // A count may be known.
+        if lower > upper || lower >= upper && !counts {
             return Err(RangeError::Empty {
                 name: name(),
                 lower,
@@ -213,10 +226,7 @@ impl ParameterRange {
         p.upper = self.upper.unwrap_or(p.upper);
         p.prior.deviation = self.deviation.unwrap_or(p.prior.deviation);
         p.prior.centre = self.centre.unwrap_or(p.prior.centre);
-        if let (Some(centre), true) = (
-            self.centre,
-            matches!(p.role, Role::Shape | Role::Count | Role::Shared),
-        ) {
+        if let (Some(centre), true) = (self.centre, matches!(p.role, Role::Shape | Role::Shared)) {
             p.typical = centre;
         }
         p.typical = p.typical.clamp(p.lower, p.upper);
@@ -318,6 +328,30 @@ mod tests {
             &[0.6, 0.06],
         );
         assert_eq!(structure.plain_part(), structure);
+    }
+
+    #[test]
+    fn a_count_takes_whole_bounds_and_may_be_known() {
+        let name = "self_disconnection.dips";
+        let ranges = Ranges::new(vec![range(name, 2.0, 2.0)]).unwrap();
+        let structure = Structure::zip_im().with_ranges(ranges);
+        let model = ComposedModel::new(&structure.with("self_disconnection").unwrap());
+        let at = model.index(name).unwrap();
+        same(&[model.typical()[at], model.neutral()[at]], &[2.0, 2.0]);
+        let count = vec![RangeError::Count {
+            name: name.to_owned(),
+        }];
+        let with_prior = ParameterRange {
+            centre: Some(2.0),
+            ..range(name, 1.0, 2.0)
+        };
+        for wrong in [range(name, 1.5, 3.0), with_prior] {
+            assert_eq!(Ranges::new(vec![wrong]).unwrap_err(), count);
+        }
+        assert!(matches!(
+            Ranges::new(vec![range(name, 3.0, 2.0)]).unwrap_err()[..],
+            [RangeError::Empty { .. }]
+        ));
     }
 
     #[test]

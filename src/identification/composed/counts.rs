@@ -1,10 +1,10 @@
 //! Counts of dips that a search tries, as the events have them.
 
-use super::screening::Step;
+use super::screening::{Step, with};
 use crate::{identification::intake::PreparedEvent, load_model::effect::Parameter};
 
 /// Voltages, shares of V0, whose crossings are counted: at which of them a relay looks is not known.
-const LEVELS: [f64; 6] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4];
+const LEVELS: [f64; 7] = [0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4];
 /// A dip has ended when the voltage is above the level by this, share of V0.
 const RETURN: f64 = 0.02;
 
@@ -24,13 +24,7 @@ impl Step<'_> {
         let most = self.rows.iter().map(|rows| dips(rows.event())).max();
         let most = (most.unwrap_or(0) as f64).clamp(declared.lower, declared.upper);
         let counts = std::iter::successors(Some(declared.lower), |count| Some(count + 1.0));
-        let of = |count: f64| {
-            grid.iter().map(move |point| {
-                let mut point = point.clone();
-                point[place] = count;
-                point
-            })
-        };
+        let of = |count: f64| grid.iter().map(move |point| with(point, place, count));
         counts
             .take_while(|count| *count <= most)
             .flat_map(of)
@@ -39,7 +33,8 @@ impl Step<'_> {
 }
 
 /// How often the voltage of an event falls below a level and returns, or stays: at the level at which that is most often.
-fn dips(event: &PreparedEvent) -> usize {
+#[must_use]
+pub fn dips(event: &PreparedEvent) -> usize {
     let at = |level: f64| {
         let (mut count, mut low) = (0, false);
         for voltage in &event.voltage {

@@ -1,6 +1,6 @@
 //! Where the settings of relays that the frequency switches may lie, as the events show it.
 
-use super::screening::Step;
+use super::screening::{Step, with};
 use crate::identification::intake::PreparedEvent;
 
 /// Settings that are tried on either side.
@@ -30,11 +30,7 @@ impl Step<'_> {
                 let share = (k as f64 + 0.5) / LEVELS as f64;
                 let level = lower * (reached / lower).powf(share);
                 if level > lower {
-                    points.extend(grid.iter().map(|point| {
-                        let mut point = point.clone();
-                        point[place] = level;
-                        point
-                    }));
+                    points.extend(grid.iter().map(|point| with(point, place, level)));
                 }
             }
         }

@@ -29,6 +29,7 @@ mod tests;
 
 pub use baseline::{Baseline, baseline, has_no_motor};
 pub use coordinates::Coordinates;
+pub use counts::dips;
 pub use extend::{Ground, Screened};
 pub use fit::{ComposedFit, ComposedFitOptions, fit, squares, with_own_composition};
 pub use model::ComposedLoad;

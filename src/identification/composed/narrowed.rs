@@ -32,7 +32,8 @@ const SHARED: f64 = 4.0;
 ///
 /// Its covariance stays that of `fit`: few events that happen to agree do not show how much the composition
 /// varies, and errors stated as if it did not vary are too small (decision 0048), corrected where its curvature is a
-/// poor guide to errors (decision 0059). A threshold that lies between two dips stays in their
+/// poor guide to errors (decision 0059). Effects' shares, which single events determine, are taken to vary as they
+/// are seen to (decision 0088). A threshold that lies between two dips stays in their
 /// middle, where `fit` has it: nothing else draws it anywhere.
 #[must_use]
 pub fn narrowed(
@@ -46,7 +47,12 @@ pub fn narrowed(
     }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
     // A relay's settings have corners at which a step along all parameters at once goes nowhere.
-    let quoted = quoted::quoted(&rows, fit, options, cancel);
+    let shown = shown_spread_of_effects(&rows, fit, options, cancel);
+    let stated = ComposedFitOptions {
+        scatter: options.scatter.times([1.0, shown.unwrap_or(1.0)]),
+        ..*options
+    };
+    let quoted = quoted::quoted(&rows, fit, &stated, cancel);
     let begun = held_between_dips(fit, quoted.as_ref());
     let smooth = without_shapes(&begun);
     let again = |from: &ComposedFit, shares: [f64; 2]| {
@@ -124,11 +130,49 @@ fn sufficient_shares(
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<[f64; 2]> {
+    let all = SHARES.iter().flat_map(|c| SHARES.iter().map(|e| [*c, *e]));
+    let tried = likelihoods(rows, fit, options, all, cancel)?;
+    let by_likelihood = |a: &&Likelihood, b: &&Likelihood| {
+        a.minus_twice_logarithm.total_cmp(&b.minus_twice_logarithm)
+    };
+    let best = tried.iter().min_by(by_likelihood)?;
+    let most = best.minus_twice_logarithm + TOLD_SHARE_OF_LEFT * best.squares;
+    let enough = tried.iter().find(|t| t.minus_twice_logarithm <= most)?;
+    Some(enough.shares)
+}
+
+/// The share of the spread of effects' shares that the events show: the root of the mean of its square, every share
+/// weighted with its likelihood (and so all alike where no event says anything of it).
+fn shown_spread_of_effects(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<f64> {
+    let all = SHARES.iter().map(|effects| [1.0, *effects]);
+    let tried = likelihoods(rows, fit, options, all, cancel)?;
+    // What is left is not independent from sample to sample.
+    let unlikely = fit.chi_square_per_row().max(1.0);
+    let least = (tried.iter()).fold(f64::INFINITY, |least, t| t.minus_twice_logarithm.min(least));
+    let weight = |t: &Likelihood| (-0.5 * (t.minus_twice_logarithm - least) / unlikely).exp();
+    let all: f64 = tried.iter().map(weight).sum();
+    let squares = tried.iter().map(|t| weight(t) * t.shares[1].powi(2));
+    Some((squares.sum::<f64>() / all).sqrt())
+}
+
+/// How likely the events are under shares of the spreads, with the parameters of `fit`.
+fn likelihoods(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    shares: impl Iterator<Item = [f64; 2]>,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<Vec<Likelihood>> {
     let coordinates = Coordinates::new(&fit.model, &fit.parameters, &fit.free);
     let x = coordinates.unknowns(&fit.parameters);
     let mut known = None;
     let mut tried: Vec<Likelihood> = Vec::new();
-    for shares in SHARES.iter().flat_map(|c| SHARES.iter().map(|e| [*c, *e])) {
+    for shares in shares {
         let scatter = options.scatter.times(shares);
         let place = Place {
             rows,
@@ -150,13 +194,7 @@ fn sufficient_shares(
         });
         known = problem.into_lowest();
     }
-    let by_likelihood = |a: &&Likelihood, b: &&Likelihood| {
-        a.minus_twice_logarithm.total_cmp(&b.minus_twice_logarithm)
-    };
-    let best = tried.iter().min_by(by_likelihood)?;
-    let most = best.minus_twice_logarithm + TOLD_SHARE_OF_LEFT * best.squares;
-    let enough = tried.iter().find(|t| t.minus_twice_logarithm <= most)?;
-    Some(enough.shares)
+    Some(tried)
 }
 
 /// How well a pair of shares explains the events.

@@ -116,45 +116,68 @@ fn by_frequency(parameter: &ModelParameter) -> bool {
     relay.is_some_and(|relay| !relay.frequency_thresholds().is_empty())
 }
 
-/// `fit` with those levels of its relays that are `open` towards `other`, a fit of the same model, as they
-/// are there, and not free. None where there are none.
+/// Starts for `fit`, some of whose levels of relays are `open` towards `other`, a fit of the same model: that one, these levels
+/// not free; and the same with all settings of these relays as they are there. `open` is asked with both levels and the dip
+/// at which the relay acts, counted from 1. None where no level is open.
 #[must_use]
 pub fn with_levels_of(
     fit: &ComposedFit,
     other: &ComposedFit,
-    open: impl Fn([f64; 2]) -> bool,
-) -> Option<ComposedFit> {
-    let mut held = fit.clone();
-    held.covariance = None;
-    for &index in &fit.free {
-        let parameter = &fit.model.parameters()[index];
+    open: impl Fn([f64; 2], f64) -> bool,
+) -> Option<[ComposedFit; 2]> {
+    let parameters = fit.model.parameters();
+    let is_open = |index: &usize| {
+        let parameter = &parameters[*index];
         let is_level =
             is_setting(parameter) && parameter.declaration.reference == Reference::Voltage;
-        let level = other.parameters[index];
-        if is_level && open([fit.parameters[index], level]) {
-            held.parameters[index] = level;
-            held.free.retain(|i| *i != index);
-        }
-    }
-    (held.free.len() < fit.free.len()).then_some(held)
+        let levels = [fit, other].map(|fit| fit.parameters[*index]);
+        is_level && open(levels, counted_dip(fit, parameter))
+    };
+    let levels: Vec<usize> = fit.free.iter().copied().filter(is_open).collect();
+    let is_of_them = |index: usize| {
+        let of_same = |level: &usize| parameters[*level].effect == parameters[index].effect;
+        is_setting(&parameters[index]) && levels.iter().any(of_same)
+    };
+    let held = held_as_in(fit, other, |index| levels.contains(&index))?;
+    Some([held, held_as_in(fit, other, is_of_them)?])
 }
 
-/// `fit` with the frequencies at which something switches as they are in `other`, a fit of the same model, and not free; the
+/// A start for `fit`: `other`, a fit of the same model, the frequencies at which something switches not free; the
 /// delays after them are. None where there are none.
 #[must_use]
 pub fn with_frequency_levels_of(fit: &ComposedFit, other: &ComposedFit) -> Option<ComposedFit> {
-    let mut held = fit.clone();
-    held.covariance = None;
-    for &index in &fit.free {
+    held_as_in(fit, other, |index| {
         let parameter = &fit.model.parameters()[index];
         let relay = parameter.effect.and_then(effects::find);
         let levels = relay.map_or(&[][..], |relay| relay.frequency_thresholds());
-        if levels.contains(&parameter.declaration.name) {
-            held.parameters[index] = other.parameters[index];
-            held.free.retain(|i| *i != index);
-        }
-    }
-    (held.free.len() < fit.free.len()).then_some(held)
+        levels.contains(&parameter.declaration.name)
+    })
+}
+
+/// `fit` with the parameters of `other`, those that `picks` takes not free: what they go with, delays before all, is begun
+/// where `other` has it, too. None where it takes none.
+fn held_as_in(
+    fit: &ComposedFit,
+    other: &ComposedFit,
+    picks: impl Fn(usize) -> bool,
+) -> Option<ComposedFit> {
+    let is_left = |index: &usize| !picks(*index);
+    let free: Vec<usize> = fit.free.iter().copied().filter(is_left).collect();
+    (free.len() < fit.free.len()).then(|| ComposedFit {
+        free,
+        covariance: None,
+        ..other.clone()
+    })
+}
+
+/// The dip at which the effect of a parameter acts; 1 where it counts none.
+fn counted_dip(fit: &ComposedFit, parameter: &ModelParameter) -> f64 {
+    let effect = parameter.effect.and_then(effects::find);
+    let count = effect.and_then(|effect| {
+        let own = effect.declaration().name;
+        fit.model.index(&format!("{own}.{}", effect.counts_dips()?))
+    });
+    count.map_or(1.0, |index| fit.parameters[index])
 }
 
 /// Whether events say of a parameter no more than between which two of them it lies, without saying where

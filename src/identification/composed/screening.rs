@@ -490,7 +490,7 @@ impl<'a> Screening<'a> {
 }
 
 /// A point with another value in one place.
-fn with(point: &[f64], place: usize, value: f64) -> Vec<f64> {
+pub(super) fn with(point: &[f64], place: usize, value: f64) -> Vec<f64> {
     let mut point = point.to_vec();
     point[place] = value;
     point

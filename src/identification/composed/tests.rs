@@ -409,11 +409,15 @@ fn a_level_that_no_event_bounds_is_that_of_the_other_fit() {
         own
     };
     let (one, other) = (with_level(0.7), with_level(0.78));
-    let open = |[one, other]: [f64; 2]| one < 0.75 && other > 0.75;
-    let held = with_levels_of(&one, &other, open).expect("the level is open");
-    assert!((held.parameters[at] - 0.78).abs() < 1e-12 && !held.free.contains(&at));
+    let open = |[one, other]: [f64; 2], dip: f64| one < 0.75 && other > 0.75 && dip <= 1.0;
+    let [held, whole] = with_levels_of(&one, &other, open).expect("the level is open");
+    for held in [&held, &whole] {
+        assert!((held.parameters[at] - 0.78).abs() < 1e-12 && !held.free.contains(&at));
+    }
     assert_eq!(held.free.len() + 1, one.free.len());
-    assert!(with_levels_of(&one, &other, |_| false).is_none());
+    let delay = one.model.index(&format!("{EFFECT}.trip_time_s")).unwrap();
+    assert!(held.free.contains(&delay) && !whole.free.contains(&delay));
+    assert!(with_levels_of(&one, &other, |_, _| false).is_none());
 }
 
 #[test]
