@@ -28,9 +28,6 @@ use crate::{
     service::{ServiceOptions, SiteOptions},
 };
 
-/// Fits that leave more than this (weighted squares per row: thirty times the noise) are not explored by the
-/// daemon: no further solution would describe such an event, and each costs half a minute (decision 0087).
-const EXPLORED_BELOW_PER_ROW: f64 = 900.0;
 /// Rows that one call of retention deletes at most: some tens of milliseconds of work.
 const PRUNE_ROWS_MAX: usize = 500;
 
@@ -149,7 +146,7 @@ fn diagnosis(config: &Config) -> DiagnosisOptions {
 fn identification(fit: &IdentificationConfig) -> IdentificationOptions {
     let mut options = IdentificationOptions {
         split: Split::Share(fit.hold_out_share),
-        ..IdentificationOptions::default()
+        ..ServiceOptions::default().identification
     };
     if fit.zip_box == ZipBox::Paper {
         options.problem.static_shares = Some(PAPER_SHARES);
@@ -161,7 +158,6 @@ fn identification(fit: &IdentificationConfig) -> IdentificationOptions {
     };
     options.search.trust_tech.tiers_max = fit.max_tiers;
     options.search.trust_tech.evaluations_max = fit.max_evaluations as u64;
-    options.search.explored_below_per_row = EXPLORED_BELOW_PER_ROW;
     options
 }
 

@@ -8,6 +8,9 @@ use crate::{
 };
 
 const SECOND_NS: i64 = 1_000_000_000;
+/// Fits that leave more than this (weighted squares per row: thirty times the noise) are not explored: no further
+/// solution would describe such an event, and each costs half a minute (decision 0087).
+const EXPLORED_BELOW_PER_ROW: f64 = 900.0;
 
 /// Settings of the service core. Durations in nanoseconds, because the core is given nanoseconds.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,13 +80,20 @@ impl Default for ServiceOptions {
             store_retry_ns: 2 * SECOND_NS,
             sweep_ns: 300 * SECOND_NS,
             shutdown_grace_ns: 20 * SECOND_NS,
-            identification: IdentificationOptions::default(),
+            identification: unattended(),
             decision: DecisionOptions::default(),
             diagnose: true,
             diagnosis_events_min: 4,
             diagnosis: DiagnosisOptions::default(),
         }
     }
+}
+
+/// Fits that nobody waits for.
+fn unattended() -> IdentificationOptions {
+    let mut options = IdentificationOptions::default();
+    options.search.explored_below_per_row = EXPLORED_BELOW_PER_ROW;
+    options
 }
 
 /// A site and how its measurements are treated.
