@@ -339,16 +339,16 @@ fn events_that_nothing_describes_or_that_do_not_tell_motors_apart_are_not_search
 fn an_event_that_no_start_describes_is_not_explored_where_that_is_asked() {
     let (site, windows) = bundled_windows("demo");
     let mut options = IdentificationOptions::default();
-    options.search.explored_below_per_row = 900.0;
+    options.search.explored_below_per_row = 100.0;
     let of =
         |windows: &[Window]| identify(&site, windows, &structure(), &options, &|| false).unwrap();
     let note = "only the best was explored";
     let told = |found: &Identification| found.set.notes.iter().any(|n| n.contains(note));
-    // Half of the load leaves in the first event; the fourth is mild.
+    // Half of the load leaves in the first event; the last is mild.
     let undescribed = of(&windows[..1]);
     assert!(told(&undescribed), "{:?}", undescribed.set.notes);
-    assert!(undescribed.directions.is_empty() && undescribed.cost.simulations < 2000);
-    let described = of(&windows[3..4]);
+    assert!(undescribed.directions.is_empty() && undescribed.cost.simulations < 10_000);
+    let described = of(&windows[7..8]);
     assert!(!told(&described) && !described.directions.is_empty());
 }
 

@@ -8,9 +8,9 @@ use crate::{
 };
 
 const SECOND_NS: i64 = 1_000_000_000;
-/// Fits that leave more than this (weighted squares per row: thirty times the noise) are not explored: no further
+/// Fits that leave more than this (weighted squares per row: ten times the noise) are not explored: no further
 /// solution would describe such an event, and each costs half a minute (decision 0087).
-const EXPLORED_BELOW_PER_ROW: f64 = 900.0;
+const EXPLORED_BELOW_PER_ROW: f64 = 100.0;
 
 /// Settings of the service core. Durations in nanoseconds, because the core is given nanoseconds.
 #[derive(Clone, Debug, PartialEq)]
