@@ -342,7 +342,7 @@ fn an_event_that_no_start_describes_is_not_explored_where_that_is_asked() {
     options.search.explored_below_per_row = 100.0;
     let of =
         |windows: &[Window]| identify(&site, windows, &structure(), &options, &|| false).unwrap();
-    let note = "only the best was explored";
+    let note = "nothing else was explored";
     let told = |found: &Identification| found.set.notes.iter().any(|n| n.contains(note));
     // Half of the load leaves in the first event; the last is mild.
     let undescribed = of(&windows[..1]);

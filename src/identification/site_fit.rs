@@ -72,7 +72,7 @@ impl FittedSite {
         let deviations = (2.0 * best.point.objective / rows as f64).sqrt();
         Some(match why {
             BestOnly::NothingDescribes => format!(
-                "no solution describes these events (the best leaves {deviations:.0} times the noise per sample): only the best was explored"
+                "no solution describes these events (the best leaves {deviations:.0} times the noise per sample): nothing else was explored"
             ),
             BestOnly::MotorsDoNotDiffer => {
                 "these events do not tell motors apart: only the best solution was explored"

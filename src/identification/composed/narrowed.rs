@@ -46,7 +46,6 @@ pub fn narrowed(
         return fit.clone();
     }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    // A relay's settings have corners at which a step along all parameters at once goes nowhere.
     let shown = shown_spread_of_effects(&rows, fit, options, cancel);
     let stated = ComposedFitOptions {
         scatter: options.scatter.times([1.0, shown.unwrap_or(1.0)]),
@@ -54,6 +53,7 @@ pub fn narrowed(
     };
     let quoted = quoted::quoted(&rows, fit, &stated, cancel);
     let begun = held_between_dips(fit, quoted.as_ref());
+    // A relay's settings have corners at which a step along all parameters at once goes nowhere.
     let smooth = without_shapes(&begun);
     let again = |from: &ComposedFit, shares: [f64; 2]| {
         let options = ComposedFitOptions {
@@ -152,9 +152,9 @@ fn shown_spread_of_effects(
     let all = SHARES.iter().map(|effects| [1.0, *effects]);
     let tried = likelihoods(rows, fit, options, all, cancel)?;
     // What is left is not independent from sample to sample.
-    let unlikely = fit.chi_square_per_row().max(1.0);
+    let persistence = fit.chi_square_per_row().max(1.0);
     let least = (tried.iter()).fold(f64::INFINITY, |least, t| t.minus_twice_logarithm.min(least));
-    let weight = |t: &Likelihood| (-0.5 * (t.minus_twice_logarithm - least) / unlikely).exp();
+    let weight = |t: &Likelihood| (-0.5 * (t.minus_twice_logarithm - least) / persistence).exp();
     let all: f64 = tried.iter().map(weight).sum();
     let squares = tried.iter().map(|t| weight(t) * t.shares[1].powi(2));
     Some((squares.sum::<f64>() / all).sqrt())
