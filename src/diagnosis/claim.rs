@@ -44,10 +44,15 @@ pub(super) fn decisive(
 /// By how much the criterion of a rival is behind one that leaves `chi_square` per row, `squares` together, and has
 /// gained `gain`, before the two are told apart.
 pub(super) fn told_apart(chi_square: f64, squares: f64, gain: f64, options: &ClaimOptions) -> f64 {
-    let above = (1.0 - options.floor / chi_square).max(0.0);
-    let told = options.rival_share_of_left + options.rival_share_of_excess * above;
+    let told = told_share_of_left(chi_square, options);
     let left = (told * squares).min(options.rival_share * gain);
     options.delta_bic_near.max(left)
+}
+
+/// The same as a share of the squares that are left, whatever was gained.
+pub(super) fn told_share_of_left(chi_square: f64, options: &ClaimOptions) -> f64 {
+    let above = (1.0 - options.floor / chi_square).max(0.0);
+    options.rival_share_of_left + options.rival_share_of_excess * above
 }
 
 /// The trials, best criterion first, of which the first is declared: indices of those that cannot be
@@ -189,6 +194,16 @@ mod tests {
         super::evidence::{GateEvidence, is_adequate, tests::evidence},
         *,
     };
+
+    #[test]
+    fn at_the_noise_little_tells_two_effects_apart_and_above_it_more_is_needed() {
+        let options = ClaimOptions::default();
+        let told = |chi_square| told_share_of_left(chi_square, &options);
+        assert!((told(0.5) - options.rival_share_of_left).abs() < 1e-12);
+        assert!((told(options.floor) - options.rival_share_of_left).abs() < 1e-12);
+        assert!(told(0.9) > 2.0 * told(0.5) && told(2.0) > told(0.9));
+        assert!((told_apart(2.0, 1e4, 1e9, &options) - 1e4 * told(2.0)).abs() < 1e-9);
+    }
 
     #[test]
     fn rivals_within_five_percent_share_the_answer_and_instruments_come_first() {

@@ -59,11 +59,12 @@ pub(super) fn whole(
             }
             Err(error) => return Err(error),
         };
-        let (_, tried) = trials(case, beside, &names, Goal::Claim)?;
         let singles = list.iter().filter_map(|trial| trial.fit.as_ref());
-        let lowest = singles
-            .map(ComposedFit::criterion)
-            .fold(f64::INFINITY, f64::min);
+        let lowest = singles.min_by(|a, b| a.criterion().total_cmp(&b.criterion()));
+        let (lowest, below) = lowest.map_or((f64::INFINITY, f64::INFINITY), |fit| {
+            (fit.criterion(), fit.squares.iter().sum::<f64>())
+        });
+        let (_, tried) = trials(case, beside, &names, Goal::Below(below))?;
         if let Some(fit) = named(case, &tried, name)
             && fit.criterion() <= lowest - needed
         {

@@ -3,7 +3,7 @@
 
 use super::{
     case::Case,
-    claim::{reached_below, shows_no_part, told_apart},
+    claim::{reached_below, shows_no_part, told_apart, told_share_of_left},
     evidence::{Evidence, GateEvidence, is_refused_by_gate_alone, objections},
     further_starts::{from_other_motors, rivals_from_the_best, with_the_motor_of_another},
 };
@@ -39,10 +39,10 @@ pub(super) const FOLLOWED: f64 = 2.0;
 /// ... none whose sketch leaves more than this many times what the best one leaves.
 const BEATEN: f64 = 10.0;
 
-/// A rival of an effect that brings the misfit down to the noise must come down to this many times what that one
-/// leaves, ...
-const RIVAL_OF_REACHED: f64 = 1.25;
-/// ... one of an effect with which the events are followed to this many times.
+/// A rival of an effect that brings the misfit down to the noise must come this many times as near as what is not told from
+/// it does, ...
+const RIVAL_OF_REACHED: f64 = 2.0;
+/// ... one of an effect with which the events are followed down to this many times what that one leaves.
 const RIVAL_OF_FOLLOWED: f64 = 2.0;
 /// ... and one of an effect that leaves more than that, but a score still says something, to this many times.
 const RIVAL_OF_NEAR: f64 = 3.0;
@@ -223,7 +223,7 @@ fn wanted_beside(case: &Case<'_>, base: &Fitted, other: &ComposedFit) -> f64 {
     let per_row = other.chi_square_per_row();
     let claim = &case.options.claim;
     let factor = if per_row < claim.reached_floors * claim.floor {
-        RIVAL_OF_REACHED
+        1.0 + RIVAL_OF_REACHED * told_share_of_left(per_row, claim)
     } else if per_row < FOLLOWED {
         RIVAL_OF_FOLLOWED
     } else if per_row < FAR_PER_ROW {
