@@ -1,7 +1,7 @@
 //! The events of a site as a diagnosis uses them, and fits to them.
 
 use super::{
-    event_sets::{Use, let_be_fitted_what_shows, not_foretold, uses},
+    event_sets::{Apart, Changes, Use, exchange, let_be_fitted_what_shows, not_foretold, uses},
     evidence::ADEQUATE_FLOORS,
     options::{DiagnosisOptions, EventSplit, Progress},
     outcome::{EventSets, StructureErrors},
@@ -61,6 +61,8 @@ pub(super) struct Case<'a> {
     /// Which of `judged` gate.
     pub(super) gates: Vec<bool>,
     pub(super) untouched: Vec<PreparedEvent>,
+    /// How these sets were changed.
+    pub(super) changes: Changes,
     pub(super) refused: Vec<(String, String)>,
     problem: ProblemOptions,
     pub(super) found: Fit,
@@ -74,9 +76,10 @@ impl<'a> Case<'a> {
         site: &'a Site,
         windows: &[Window],
         options: &'a DiagnosisOptions,
+        changes: &Changes,
         watcher: Watcher<'a>,
     ) -> Result<Self, IdentificationError> {
-        let (events, refused) = prepare_all(windows, &options.identification.intake);
+        let (events, mut refused) = prepare_all(windows, &options.identification.intake);
         if events.is_empty() {
             return Err(IdentificationError::NoUsableEvent { refused });
         }
@@ -84,10 +87,13 @@ impl<'a> Case<'a> {
             .iter()
             .map(|e| (e.id.as_str(), e.lowest_voltage))
             .collect();
-        let uses = uses(&keys, &options.split);
+        let mut uses = uses(&keys, &options.split);
+        exchange(&mut uses, &keys, &changes.exchanges);
         let (mut judged, mut gates, mut untouched) = (Vec::new(), Vec::new(), Vec::new());
         for (event, how) in events.into_iter().zip(uses) {
-            if how == Use::Untouched {
+            if let Some(Apart { event, reason }) = changes.apart_of(&event.id) {
+                refused.push((event.clone(), reason.clone()));
+            } else if how == Use::Untouched {
                 untouched.push(event);
             } else {
                 judged.push(event);
@@ -113,6 +119,7 @@ impl<'a> Case<'a> {
             judged,
             gates,
             untouched,
+            changes: changes.clone(),
             refused,
             problem,
             found,

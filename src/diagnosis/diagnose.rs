@@ -2,6 +2,7 @@
 
 use super::{
     addable::hidden_by_rate,
+    anew::with_settled_events,
     case::{Case, Watcher},
     evidence::objections,
     options::{DiagnosisOptions, Progress},
@@ -48,10 +49,10 @@ pub fn diagnose(
     let ranges = options.identification.ranges.clone();
     let parsed = Structure::parse(structure)?.with_ranges(ranges);
     let watcher = Watcher { progress, cancel };
-    let judged = Case::new(site, windows, options, watcher).and_then(|mut case| {
-        let base = case.baseline(&parsed)?;
-        case.settle_uses(&base)?;
-        report(&case, &round(&case, base)?)
+    let judged = with_settled_events(site, windows, &parsed, options, watcher, |case, base| {
+        case.none_at_edges(&base)?;
+        let round = round(case, base)?;
+        Ok(report(case, &round)?)
     });
     match judged {
         Err(
@@ -129,7 +130,9 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         structure: structure.names(),
         status: round.decision.status,
         summary: summary(round, &answer_set),
-        reasons: round.decision.reasons.clone(),
+        reasons: (round.decision.reasons.iter().cloned())
+            .chain(case.changes.told())
+            .collect(),
         events: case.events(),
         baseline: case.errors(structure, fit)?,
         noise_floor: ERROR_TO_NOISE_FLOOR,

@@ -18,6 +18,78 @@ pub(super) enum Use {
     Untouched,
 }
 
+/// An event that was untouched and gates, and a gating one that is untouched in its place.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Exchange {
+    pub(super) gating: String,
+    pub(super) untouched: String,
+    /// Why, as what follows the first one's name.
+    pub(super) reason: String,
+}
+
+impl Exchange {
+    /// In words.
+    fn told(&self) -> String {
+        let Self {
+            gating,
+            untouched,
+            reason,
+        } = self;
+        format!("{gating} lies {reason}: it decides, and {untouched} stays untouched in its place")
+    }
+}
+
+/// An event that is used for nothing.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Apart {
+    pub(super) event: String,
+    /// Why.
+    pub(super) reason: String,
+}
+
+/// How the sets are changed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Changes {
+    pub(super) exchanges: Vec<Exchange>,
+    pub(super) apart: Vec<Apart>,
+}
+
+impl Changes {
+    /// Adds others.
+    pub(super) fn extend(&mut self, others: Self) {
+        self.exchanges.extend(others.exchanges);
+        self.apart.extend(others.apart);
+    }
+
+    /// How an event is set apart, where it is.
+    pub(super) fn apart_of(&self, event: &str) -> Option<&Apart> {
+        self.apart.iter().find(|apart| apart.event == event)
+    }
+
+    /// Each in words.
+    pub(super) fn told(&self) -> impl Iterator<Item = String> {
+        let apart = self.apart.iter();
+        let apart = apart.map(|Apart { event, reason }| format!("{event} is set apart: {reason}"));
+        self.exchanges.iter().map(Exchange::told).chain(apart)
+    }
+}
+
+/// Uses after exchanges, in their order.
+pub(super) fn exchange(uses: &mut [Use], events: &[(&str, f64)], exchanges: &[Exchange]) {
+    let mut now = |name: &str, its_use: Use| {
+        if let Some(event) = events.iter().position(|(own, _)| *own == name) {
+            uses[event] = its_use;
+        }
+    };
+    for Exchange {
+        gating, untouched, ..
+    } in exchanges
+    {
+        now(gating, Use::Gate);
+        now(untouched, Use::Untouched);
+    }
+}
+
 /// The use of each event. `events` are `(name, lowest voltage)`.
 ///
 /// By default both held-out sets are spread over the depths, dips and others apart, as [`by_kind`] and
@@ -146,28 +218,25 @@ fn spread_over_depths(events: &[(&str, f64)], with_untouched: bool) -> Vec<Use> 
 }
 
 /// How far apart the neighbours of an event in depth are, or twice the one that there is.
-fn distance(events: &[(&str, f64)], event: usize) -> f64 {
+pub(super) fn distance(events: &[(&str, f64)], event: usize) -> f64 {
     let own = events[event].1;
-    let others = || {
-        events
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| *i != event)
-            .map(|(_, e)| e.1)
-    };
-    let below = others()
-        .filter(|v| *v <= own)
-        .map(|v| own - v)
-        .reduce(f64::min);
-    let above = others()
-        .filter(|v| *v > own)
-        .map(|v| v - own)
-        .reduce(f64::min);
-    match (below, above) {
-        (Some(below), Some(above)) => below + above,
-        (Some(one), None) | (None, Some(one)) => 2.0 * one,
-        (None, None) => f64::INFINITY,
+    let apart = |other: usize| (events[other].1 - own).abs();
+    match neighbours(events, event).map(|other| other.map(apart)) {
+        [Some(below), Some(above)] => below + above,
+        [Some(one), None] | [None, Some(one)] => 2.0 * one,
+        [None, None] => f64::INFINITY,
     }
+}
+
+/// The next deeper and the next milder event, where there are.
+pub(super) fn neighbours(events: &[(&str, f64)], event: usize) -> [Option<usize>; 2] {
+    let own = events[event].1;
+    let by_depth = |a: &usize, b: &usize| events[*a].1.total_cmp(&events[*b].1);
+    let others = || (0..events.len()).filter(|other| *other != event);
+    [
+        others().filter(|o| events[*o].1 <= own).max_by(by_depth),
+        others().filter(|o| events[*o].1 > own).min_by(by_depth),
+    ]
 }
 
 #[allow(
@@ -255,6 +324,21 @@ mod tests {
         assert_eq!([of(&folds[1]), of(&folds[2])], [vec![0, 5], vec![4]]);
         assert_eq!(in_turn(&[true], &[0.5])[1], [false]);
         assert!(in_turn(&[], &[])[0].is_empty());
+    }
+
+    #[test]
+    fn exchanged_events_have_each_others_use() {
+        let events = [("a", 0.5), ("b", 0.6), ("c", 0.7), ("d", 0.6)];
+        let mut uses = [Use::Fit, Use::Gate, Use::Untouched, Use::Fit];
+        let one = Exchange {
+            gating: "c".to_owned(),
+            untouched: "b".to_owned(),
+            reason: String::new(),
+        };
+        exchange(&mut uses, &events, &[one]);
+        assert_eq!(uses, [Use::Fit, Use::Untouched, Use::Gate, Use::Fit]);
+        assert_eq!(neighbours(&events, 1), [Some(3), Some(2)]);
+        assert_eq!(neighbours(&events, 0), [None, Some(3)]);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::{
     addable::addable,
+    anew::{Stop, with_settled_events},
     case::{Case, Watcher},
     diagnose::report,
     options::{DiagnosisOptions, Progress},
@@ -67,23 +68,23 @@ pub fn improve(
 ) -> Result<Improvement, IdentificationError> {
     let ranges = options.identification.ranges.clone();
     let parsed = Structure::parse(structure)?.with_ranges(ranges);
-    let mut case = Case::new(site, windows, options, Watcher { progress, cancel })?;
-    let base = case.baseline(&parsed)?;
-    case.settle_uses(&base)?;
-    let mut stairs = Stairs::new(&case, base)?;
-    match change {
-        Change::UntilAdequate => stairs.climb()?,
-        Change::ByHand { add, remove } => stairs.change(add, remove)?,
-    }
-    let last = match stairs.last.take() {
-        Some(last) => last,
-        None => stairs.diagnosis()?,
-    };
-    Ok(Improvement {
-        site: site.name.clone(),
-        steps: stairs.steps,
-        last,
-        diagnoses: stairs.diagnoses,
+    let watcher = Watcher { progress, cancel };
+    with_settled_events(site, windows, &parsed, options, watcher, |case, base| {
+        let mut stairs = Stairs::new(case, base)?;
+        match change {
+            Change::UntilAdequate => stairs.climb()?,
+            Change::ByHand { add, remove } => stairs.change(add, remove)?,
+        }
+        let last = match stairs.last.take() {
+            Some(last) => last,
+            None => stairs.diagnosis()?,
+        };
+        Ok(Improvement {
+            site: site.name.clone(),
+            steps: stairs.steps,
+            last,
+            diagnoses: stairs.diagnoses,
+        })
     })
 }
 
@@ -115,7 +116,7 @@ struct Stairs<'a> {
 }
 
 impl<'a> Stairs<'a> {
-    fn new(case: &'a Case<'a>, at: Baseline) -> Result<Self, IdentificationError> {
+    fn new(case: &'a Case<'a>, at: Baseline) -> Result<Self, Stop> {
         let first_bic = at.all.criterion();
         let mut stairs = Self {
             case,
@@ -136,15 +137,13 @@ impl<'a> Stairs<'a> {
         Ok(stairs)
     }
 
-    fn diagnosis(&mut self) -> Result<Diagnosis, IdentificationError> {
+    fn diagnosis(&mut self) -> Result<Diagnosis, Stop> {
         self.round().map(|(found, ..)| found)
     }
 
     /// A diagnosis, the fit with the first effect of its answer, and the second that it needs, if any. Where
     /// it found a lower fit of the structure itself, that takes the place of the one it began with.
-    fn round(
-        &mut self,
-    ) -> Result<(Diagnosis, Option<ComposedFit>, Option<Second>), IdentificationError> {
+    fn round(&mut self) -> Result<(Diagnosis, Option<ComposedFit>, Option<Second>), Stop> {
         let round = round(self.case, self.at.clone())?;
         let asked = &round.asked.baseline;
         if asked.all.minus_twice_log_posterior() < self.at.all.minus_twice_log_posterior() {
@@ -160,7 +159,7 @@ impl<'a> Stairs<'a> {
         Ok((found, fit, round.decision.second))
     }
 
-    fn climb(&mut self) -> Result<(), IdentificationError> {
+    fn climb(&mut self) -> Result<(), Stop> {
         for _ in 0..ROUNDS_MAX {
             let (mut found, fit, second) = self.round()?;
             let Some(effect) = claimed(&found) else {
@@ -204,7 +203,7 @@ impl<'a> Stairs<'a> {
         first: Higher,
         found: &Diagnosis,
         known: Option<&Second>,
-    ) -> Result<bool, IdentificationError> {
+    ) -> Result<bool, Stop> {
         let before = (self.at.clone(), self.steps.clone());
         let no_worse = |both: &Higher| {
             let start = before.1.last();
@@ -234,10 +233,12 @@ impl<'a> Stairs<'a> {
     }
 
     /// What is found beside a step that is on trial, and the step that adds it.
-    fn second_step(&mut self) -> Result<Option<(Diagnosis, Higher)>, IdentificationError> {
+    fn second_step(&mut self) -> Result<Option<(Diagnosis, Higher)>, Stop> {
         let (second, fit, _) = match self.round() {
             Ok(round) => round,
-            Err(IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }) => {
+            Err(Stop::Failed(
+                IdentificationError::NoSolution | IdentificationError::NotSimulated { .. },
+            )) => {
                 return Ok(None);
             }
             Err(error) => return Err(error),
@@ -249,7 +250,7 @@ impl<'a> Stairs<'a> {
         Ok(both.ok().map(|both| (second, both)))
     }
 
-    fn take(&mut self, effect: &str, higher: Higher) -> Result<(), IdentificationError> {
+    fn take(&mut self, effect: &str, higher: Higher) -> Result<(), Stop> {
         self.steps.push(higher.step);
         self.at = higher.next;
         self.exchange(effect, &higher.without)
@@ -261,7 +262,7 @@ impl<'a> Stairs<'a> {
         effect: &str,
         fit: Option<&ComposedFit>,
         reason: &str,
-    ) -> Result<Result<Higher, Refused>, IdentificationError> {
+    ) -> Result<Result<Higher, Refused>, Stop> {
         let climbed = || {
             let mut next = match fit {
                 Some(fit) => self.case.with_found(&self.at, effect, fit)?,
@@ -281,10 +282,10 @@ impl<'a> Stairs<'a> {
                 worse: Some(Box::new(higher)),
             })),
             Ok(higher) => Ok(Ok(higher)),
-            Err(
+            Err(Stop::Failed(
                 error
                 @ (IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }),
-            ) => Ok(Err(Refused {
+            )) => Ok(Err(Refused {
                 reason: error.to_string(),
                 worse: None,
             })),
@@ -294,11 +295,7 @@ impl<'a> Stairs<'a> {
 
     /// Effects of earlier steps give way to what resembles them, where that follows the events better beside
     /// the newest one: before that was there each had to make up for it. A step of its own each.
-    fn exchange(
-        &mut self,
-        newest: &str,
-        without: &[(String, Baseline)],
-    ) -> Result<(), IdentificationError> {
+    fn exchange(&mut self, newest: &str, without: &[(String, Baseline)]) -> Result<(), Stop> {
         for (old, fewer) in without {
             let Some((new, next)) = self.better_than(old, fewer)? else {
                 continue;
@@ -362,7 +359,7 @@ impl<'a> Stairs<'a> {
         Ok(Some((new.to_owned(), next)))
     }
 
-    fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), IdentificationError> {
+    fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), Stop> {
         for effect in remove {
             let next = self.case.baseline(&without(&self.at.structure, effect)?)?;
             let step = self.step(
@@ -436,7 +433,8 @@ impl<'a> Stairs<'a> {
         added: Option<String>,
         dropped: Vec<String>,
         reason: String,
-    ) -> Result<ImprovementStep, IdentificationError> {
+    ) -> Result<ImprovementStep, Stop> {
+        self.case.none_at_edges(at)?;
         let fit = &self.case.narrowed(&at.all);
         let errors = self.case.errors(&at.structure, fit)?;
         let curves = self.case.curves(&at.structure, fit)?;

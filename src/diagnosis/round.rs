@@ -2,6 +2,7 @@
 
 use super::{
     addable::addable,
+    anew::Stop,
     before_events::left_before_events,
     beyond::beyond_the_catalogue,
     case::Case,
@@ -72,12 +73,13 @@ impl Round {
 }
 
 /// Tries every effect on a fitted structure and decides.
-pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, IdentificationError> {
+pub(super) fn round(case: &Case<'_>, asked: Baseline) -> Result<Round, Stop> {
     let mut asked = Fitted::new(case, asked);
     let accompanied = companions(case, &asked.baseline)?.map(|with| Fitted::new(case, with));
     let base = accompanied.as_ref().unwrap_or(&asked);
     let names = addable(&base.baseline.structure, case);
     let (base, mut list) = trials(case, base.clone(), &names, Goal::Claim)?;
+    case.none_apart(&base, &list)?;
     let accompanied = if accompanied.is_some() {
         // They may only have helped the fit of the structure itself on.
         if let Some(lower) = case.lower_from(&asked.baseline, &base.baseline.all)? {

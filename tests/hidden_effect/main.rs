@@ -12,6 +12,7 @@
 )]
 
 mod catalogue;
+mod changed_sets;
 mod pairs;
 
 use loadmodeld::{

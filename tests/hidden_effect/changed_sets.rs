@@ -1,0 +1,121 @@
+//! Sets of events that change when a diagnosis finds that they do not serve: an untouched event at the edge of a relay, and
+//! one that nothing explains.
+
+use super::{SyntheticSite, options, plain, quoted_errors, windows, write_a_weight_on_a_spring};
+use loadmodeld::{
+    diagnosis::{Change, DiagnosisOptions, Improvement, Status, diagnose, improve},
+    disturbance::Window,
+    load_model::effects,
+    truth::{Effect, StudyShape, generate, study_site},
+};
+
+/// So many events of four seconds with little noise.
+fn shape(effect: Effect, events: usize, noise: f64) -> StudyShape {
+    StudyShape {
+        effects: vec![effect],
+        events,
+        duration_s: 4.0,
+        rate_fps: 60.0,
+        noise,
+        composition_spread: 5e-3,
+        bad_samples: false,
+        ..StudyShape::default()
+    }
+}
+
+/// Effects added by hand, nothing sought.
+fn with(made: &SyntheticSite, add: &[&str]) -> Improvement {
+    let change = Change::ByHand {
+        add: add.iter().map(|&name| name.to_owned()).collect(),
+        remove: Vec::new(),
+    };
+    let all = effects::catalogue().iter();
+    let options = DiagnosisOptions {
+        excluded: all.map(|e| e.declaration().name.to_owned()).collect(),
+        ..DiagnosisOptions::default()
+    };
+    let (site, windows) = (&made.options.site, windows(made));
+    let found = improve(
+        site,
+        &windows,
+        &plain(),
+        &change,
+        &options,
+        &|_| (),
+        &|| false,
+    );
+    found.unwrap()
+}
+
+fn lowest_pu(window: &Window) -> f64 {
+    let voltages = window.record.samples.iter().map(|sample| sample.voltage_pu);
+    voltages.fold(f64::INFINITY, f64::min)
+}
+
+/// In the middle between the lowest voltages of an event and of the next milder one, pu.
+fn above(made: &SyntheticSite, event: &str) -> f64 {
+    let windows = windows(made);
+    let own = lowest_pu(windows.iter().find(|window| window.id == event).unwrap());
+    let milder = windows.iter().map(lowest_pu).filter(|lowest| *lowest > own);
+    0.5 * (own + milder.fold(f64::INFINITY, f64::min))
+}
+
+#[test]
+fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
+    let effect = Effect::SelfDisconnection;
+    let mut made = study_site(11, 1, &shape(effect, 10, 5e-4)).unwrap();
+    let before = with(&made, &[]).last.events;
+    let edge = before.untouched.first().unwrap();
+    // The relay acts between the lowest voltages of this event and of the next milder one.
+    let voltage = above(&made, edge);
+    let mut truth = made.options.clone();
+    truth.effects[0]
+        .set("threshold_pu", &voltage.to_string())
+        .unwrap();
+    made = generate(&truth, &mut |_| ()).unwrap();
+    let found = with(&made, &[effect.name()]);
+    let after = &found.last.events;
+    let told = (&before, after, &found.last.reasons);
+    assert!(after.gate.contains(edge), "{told:?}");
+    let instead: Vec<&String> = (after.untouched.iter())
+        .filter(|event| !before.untouched.contains(event))
+        .collect();
+    assert_eq!(instead.len(), 1, "{told:?}");
+    assert!(before.gate.contains(instead[0]), "{told:?}");
+    let says =
+        |reason: &String| reason.starts_with(edge.as_str()) && reason.contains(effect.name());
+    assert!(found.last.reasons.iter().any(says), "{told:?}");
+    // Every step is quoted on the same events.
+    for step in &found.steps {
+        let quoted = step.errors.untouched.as_ref().unwrap();
+        let mut events = quoted.events.iter();
+        assert!(events.all(|e| after.untouched.contains(&e.event)));
+    }
+    let errors = quoted_errors(&found);
+    assert!(errors[1] < 0.5 * errors[0], "{errors:?}");
+}
+
+#[test]
+fn an_event_that_nothing_explains_is_set_apart_where_the_others_are_explained() {
+    let effect = Effect::ExponentialRecovery;
+    let made = study_site(7, 0, &shape(effect, 6, 2e-4)).unwrap();
+    let mut windows = windows(&made);
+    let (site, options) = (&made.options.site, options());
+    // The deepest has swings of its own, as none of the others.
+    let by_depth = |a: &&mut Window, b: &&mut Window| lowest_pu(a).total_cmp(&lowest_pu(b));
+    let deepest = windows.iter_mut().min_by(by_depth).unwrap();
+    let event = deepest.id.clone();
+    write_a_weight_on_a_spring(deepest);
+    let found = diagnose(site, &windows, &plain(), &options, &|_| (), &|| false).unwrap();
+    let told = (&found.summary, &found.reasons, &found.events);
+    assert_eq!(found.status, Status::MissingEffect, "{told:?}");
+    assert_eq!(
+        found.answer_set.first().map(String::as_str),
+        Some(effect.name()),
+        "{told:?}"
+    );
+    let refused = &found.events.refused;
+    assert!(refused.len() == 1 && refused[0].0 == event, "{told:?}");
+    let says = |reason: &String| reason.starts_with(&format!("{event} is set apart: "));
+    assert!(found.reasons.iter().any(says), "{told:?}");
+}
