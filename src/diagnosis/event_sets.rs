@@ -338,7 +338,7 @@ mod tests {
         exchange(&mut uses, &events, &[one]);
         assert_eq!(uses, [Use::Fit, Use::Untouched, Use::Gate, Use::Fit]);
         assert_eq!(neighbours(&events, 1), [Some(3), Some(2)]);
-        assert_eq!(neighbours(&events, 0), [None, Some(3)]);
+        assert_eq!(neighbours(&events, 0), [None, Some(1)]);
     }
 
     #[test]

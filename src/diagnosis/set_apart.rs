@@ -123,6 +123,6 @@ mod tests {
         assert!(found(before, &[[1.0, 5.0, 16.0, 1.2, 1.6], right]).is_none());
         assert!(found(before, &[[7.7, 4.0, 0.8, 0.3, 0.4]]).is_none());
         assert!(found([12.9, 0.6, 0.9, 0.5, 0.6], &[right]).is_none());
-        assert!(found(before, &[other]).is_none());
+        assert!(found(before, &[[8.6, 2.7, 4.9, 0.6, 1.2]]).is_none());
     }
 }
