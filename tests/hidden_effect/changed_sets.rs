@@ -1,11 +1,12 @@
 //! Sets of events that change when a diagnosis finds that they do not serve: an untouched event at the edge of a relay, and
 //! one that nothing explains.
 
-use super::{SyntheticSite, options, plain, quoted_errors, windows, write_a_weight_on_a_spring};
+use super::{
+    SyntheticSite, options, plain, quoted_errors, windows, with_by_hand, write_a_weight_on_a_spring,
+};
 use loadmodeld::{
-    diagnosis::{Change, DiagnosisOptions, Improvement, Status, diagnose, improve},
+    diagnosis::{Status, diagnose},
     disturbance::Window,
-    load_model::effects,
     truth::{Effect, StudyShape, generate, study_site},
 };
 
@@ -21,30 +22,6 @@ fn shape(effect: Effect, events: usize, noise: f64) -> StudyShape {
         bad_samples: false,
         ..StudyShape::default()
     }
-}
-
-/// Effects added by hand, nothing sought.
-fn with(made: &SyntheticSite, add: &[&str]) -> Improvement {
-    let change = Change::ByHand {
-        add: add.iter().map(|&name| name.to_owned()).collect(),
-        remove: Vec::new(),
-    };
-    let all = effects::catalogue().iter();
-    let options = DiagnosisOptions {
-        excluded: all.map(|e| e.declaration().name.to_owned()).collect(),
-        ..DiagnosisOptions::default()
-    };
-    let (site, windows) = (&made.options.site, windows(made));
-    let found = improve(
-        site,
-        &windows,
-        &plain(),
-        &change,
-        &options,
-        &|_| (),
-        &|| false,
-    );
-    found.unwrap()
 }
 
 fn lowest_pu(window: &Window) -> f64 {
@@ -64,7 +41,7 @@ fn above(made: &SyntheticSite, event: &str) -> f64 {
 fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
     let effect = Effect::SelfDisconnection;
     let mut made = study_site(11, 1, &shape(effect, 10, 5e-4)).unwrap();
-    let before = with(&made, &[]).last.events;
+    let before = with_by_hand(&made, &[]).last.events;
     let edge = before.untouched.first().unwrap();
     // The relay acts between the lowest voltages of this event and of the next milder one.
     let voltage = above(&made, edge);
@@ -73,7 +50,7 @@ fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
         .set("threshold_pu", &voltage.to_string())
         .unwrap();
     made = generate(&truth, &mut |_| ()).unwrap();
-    let found = with(&made, &[effect.name()]);
+    let found = with_by_hand(&made, &[effect.name()]);
     let after = &found.last.events;
     let told = (&before, after, &found.last.reasons);
     assert!(after.gate.contains(edge), "{told:?}");

@@ -96,6 +96,30 @@ fn improved(effects: &[Effect], number: u64) -> Improvement {
     found.unwrap()
 }
 
+/// Effects added by hand, nothing sought.
+fn with_by_hand(made: &SyntheticSite, add: &[&str]) -> Improvement {
+    let change = Change::ByHand {
+        add: add.iter().map(|&name| name.to_owned()).collect(),
+        remove: Vec::new(),
+    };
+    let all = effects::catalogue().iter();
+    let options = DiagnosisOptions {
+        excluded: all.map(|e| e.declaration().name.to_owned()).collect(),
+        ..DiagnosisOptions::default()
+    };
+    let (site, windows) = (&made.options.site, windows(made));
+    let found = improve(
+        site,
+        &windows,
+        &plain(),
+        &change,
+        &options,
+        &|_| (),
+        &|| false,
+    );
+    found.unwrap()
+}
+
 /// Residual over noise, step by step.
 fn quoted_errors(found: &Improvement) -> Vec<f64> {
     let steps = found.steps.iter();
@@ -296,28 +320,7 @@ fn a_gating_event_in_which_the_plain_model_stalls_is_fitted_instead() {
     };
     let made = study_site(9019, 1000 * number.unwrap() as u64 + 1, &shape).unwrap();
     let windows = windows(&made);
-    let none: Vec<String> = (effects::catalogue().iter())
-        .map(|e| e.declaration().name.to_owned())
-        .collect();
-    let options = DiagnosisOptions {
-        excluded: none,
-        ..DiagnosisOptions::default()
-    };
-    let change = Change::ByHand {
-        add: Vec::new(),
-        remove: Vec::new(),
-    };
-    let site = &made.options.site;
-    let found = improve(
-        site,
-        &windows,
-        &plain(),
-        &change,
-        &options,
-        &|_| (),
-        &|| false,
-    );
-    let found = found.unwrap();
+    let found = with_by_hand(&made, &[]);
     assert_eq!(found.last.status, Status::UnknownEffect);
     let events = &found.last.events;
     let all = events.fit.len() + events.gate.len() + events.untouched.len();
