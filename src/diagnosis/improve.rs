@@ -264,6 +264,8 @@ impl<'a> Stairs<'a> {
         reason: &str,
     ) -> Result<Result<Higher, Refused>, Stop> {
         let climbed = || {
+            let watcher = self.case.watcher;
+            watcher.says(format!("adding {effect}"), 0, 1);
             let mut next = match fit {
                 Some(fit) => self.case.with_found(&self.at, effect, fit)?,
                 None => self.case.with(&self.at, effect)?,
@@ -399,6 +401,8 @@ impl<'a> Stairs<'a> {
             if !next.structure.contains(&effect) {
                 continue;
             }
+            let watcher = self.case.watcher;
+            watcher.says(format!("fitting without {effect}"), 0, 1);
             let fewer = self.case.baseline(&without(&next.structure, &effect)?)?;
             let worse_by = fewer.all.criterion() - next.all.criterion();
             if worse_by <= SUPERFLUOUS_DELTA_BIC {
@@ -435,6 +439,9 @@ impl<'a> Stairs<'a> {
         reason: String,
     ) -> Result<ImprovementStep, Stop> {
         self.case.none_at_edges(at)?;
+        let names = at.structure.names().join(" + ");
+        let what = format!("holding {names} against other events");
+        self.case.watcher.says(what, 0, 1);
         let fit = &self.case.narrowed(&at.all);
         let errors = self.case.errors(&at.structure, fit)?;
         let curves = self.case.curves(&at.structure, fit)?;

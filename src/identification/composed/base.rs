@@ -38,6 +38,7 @@ pub(super) struct BaseOfEvent {
     rows: Weighted,
     pub(super) residual: DVector<f64>,
     covariance: EventCovariance,
+    /// Lowest voltage that the load sees.
     pub(super) lowest_voltage_pu: f64,
 }
 
@@ -77,7 +78,8 @@ impl Base {
                 residual: expanded.column(count).into_owned(),
                 rows: covariance.weighted(&expanded),
                 covariance,
-                lowest_voltage_pu: event.lowest_voltage_pu(),
+                lowest_voltage_pu: (event.lowest_voltage_at_load_pu(&fit.model, &fit.parameters))
+                    .ok()?,
             })
         };
         let events: Vec<BaseOfEvent> = rows.iter().map(of).collect::<Option<_>>()?;

@@ -118,11 +118,6 @@ impl<'a> EventRows<'a> {
         rows
     }
 
-    /// The lowest voltage that a model meets, between samples too.
-    pub(super) fn lowest_voltage_pu(&self) -> f64 {
-        self.event.v0_pu * self.event.input.lowest_voltage()
-    }
-
     fn drive(&self) -> Drive<'_> {
         Drive {
             accuracy: self.accuracy,
@@ -276,6 +271,17 @@ impl<'a> EventRows<'a> {
                 *row *= *factor;
             }
         }
+    }
+
+    /// The lowest voltage that the load of a model sees, pu.
+    pub(super) fn lowest_voltage_at_load_pu(
+        &self,
+        model: &ComposedModel,
+        parameters: &[f64],
+    ) -> Result<f64, SimulationError> {
+        let (own, _) = at_operating_point(model, parameters, self.event);
+        let at_load = model.lowest_voltage_at_load(&own, &self.drive())?;
+        Ok(self.event.v0_pu * at_load.unwrap_or_else(|| self.event.input.lowest_voltage()))
     }
 
     /// The course of the motor where derivatives by the parameters `wanted` are asked for, if that is

@@ -441,10 +441,7 @@ impl<'a> Screening<'a> {
             Some(self.base.events[number].added(&columns))
         };
         let place = self.step.threshold_place().filter(|place| {
-            // Where the load sees another phasor than the measured one its lowest voltage is not known.
-            let sees_measured = self.memory.motors[number].is_some();
-            let lowest_pu = self.base.events[number].lowest_voltage_pu;
-            sees_measured && lowest_pu > shapes[*place] + CLEAR_ABOVE_PU
+            self.base.events[number].lowest_voltage_pu > shapes[*place] + CLEAR_ABOVE_PU
         });
         let Some(place) = place else {
             return added();

@@ -55,6 +55,27 @@ impl ComposedModel {
         }))
     }
 
+    /// The lowest voltage that the load sees in one event, over that at rest; `None` where it sees the measured phasor.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::simulate`].
+    pub fn lowest_voltage_at_load(
+        &self,
+        parameters: &[f64],
+        drive: &Drive<'_>,
+    ) -> Result<Option<f64>, SimulationError> {
+        self.check(parameters, &[], drive)?;
+        let acting = self.acting(parameters, &[]);
+        if self.sees_the_measured_phasor(&acting) {
+            return Ok(None);
+        }
+        let mut kept = Kept::new(false);
+        let course = Course::Integrate(&mut kept);
+        self.pass::<f64>(drive, &drive.shared(), |i| parameters[i], &acting, course)?;
+        Ok(Some(kept.lowest_voltage))
+    }
+
     /// The derivatives that [`Self::simulate`] gives (to the accuracy of the integration, whose steps follow
     /// the fastest state of all), at a fraction of its cost. `None`
     /// where the motor would not take this course, or one of the `wanted` parameters acts on states.
@@ -173,6 +194,49 @@ mod tests {
         let structure = Structure::zip_im().with("frequency_scaled_power").unwrap();
         let served = agreeing(&structure);
         assert!(served >= 8, "{served} effects");
+    }
+
+    #[test]
+    fn behind_a_feeder_the_load_sees_what_the_current_leaves() {
+        let input = a_dip(0.62, 0.1);
+        let deviation = vec![0.0; input.output_count()];
+        let reactive_at_rest = 0.3;
+        let drive = Drive::new(&input, &deviation, reactive_at_rest);
+        let plain = ComposedModel::new(&Structure::zip_im());
+        let lowest = |model: &ComposedModel, parameters: &[f64]| {
+            model.lowest_voltage_at_load(parameters, &drive).unwrap()
+        };
+        assert_eq!(lowest(&plain, &plain.typical()), None);
+
+        let structure = Structure::zip_im().with("feeder_impedance").unwrap();
+        let model = ComposedModel::new(&structure);
+        let mut parameters = model.typical();
+        let [r, x] = [0.03, 0.1];
+        for (name, value) in [("resistance", r), ("reactance", x)] {
+            let place = model.index(&format!("feeder_impedance.{name}")).unwrap();
+            parameters[place] = value;
+        }
+        let run = model.simulate(&parameters, &[], &drive).unwrap();
+        // (1) of `feeder` from what the measured bus gives: u - Z conj((P + jQ)/u), over the same at rest.
+        let behind = |[re, im]: [f64; 2], p: f64, q: f64| {
+            let square = re * re + im * im;
+            let current = [(p * re + q * im) / square, (p * im - q * re) / square];
+            let load = [
+                re - r * current[0] + x * current[1],
+                im - r * current[1] - x * current[0],
+            ];
+            load[0].hypot(load[1])
+        };
+        let phasors = drive.shared().phasor.clone();
+        let powers = run.active.iter().zip(&run.reactive);
+        let seen = phasors.iter().zip(powers);
+        let expected = seen
+            .map(|(u, (p, q))| behind(*u, *p, *q))
+            .fold(f64::INFINITY, f64::min);
+        let expected = expected / behind([1.0, 0.0], 1.0, reactive_at_rest);
+        let found = lowest(&model, &parameters).unwrap();
+        assert!((found - expected).abs() < 1e-9, "{found} {expected}");
+        assert!((found - 0.62).abs() > 0.01, "{found}");
     }
 
     /// The number of effects that are served beside the motor of `structure`, each as a simulation has it.

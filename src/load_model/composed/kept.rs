@@ -17,6 +17,9 @@ pub(super) struct Kept {
     effects: Vec<f64>,
     /// Solutions at the load, in the order in which they are looked for.
     pub(super) solutions: Vec<Solution>,
+    /// Lowest voltage at the load at an output instant of the last integration, over that at rest, where that is not the
+    /// measured one.
+    pub(super) lowest_voltage: f64,
 }
 
 impl Kept {

@@ -72,6 +72,8 @@ pub(super) struct Now<S> {
     looked_for: usize,
     /// Solutions that no pass before has found, or not with their slopes.
     solutions: Vec<Solution>,
+    /// Lowest voltage at the load at an output instant so far, where that is not the measured one.
+    lowest_voltage: f64,
 }
 
 impl<S: Pass> Now<S> {
@@ -85,6 +87,7 @@ impl<S: Pass> Now<S> {
             secant: Secant::PLAIN,
             looked_for: 0,
             solutions: Vec::new(),
+            lowest_voltage: f64::INFINITY,
         }
     }
 
@@ -261,6 +264,7 @@ impl<S: Pass> Simulation<'_, '_, S> {
         }
         kept.close();
         kept.solutions = now.solutions;
+        kept.lowest_voltage = now.lowest_voltage;
         Ok(output)
     }
 
@@ -490,6 +494,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
         let [active, reactive] = if self.coupled {
             now.ratio = self.ratio(now, u, at)?;
             let own = complex::product(u, now.ratio);
+            let voltage = complex::modulus(own.map(S::value));
+            now.lowest_voltage = now.lowest_voltage.min(voltage);
             let load = self.load_power(now, own, at);
             self.network.as_ref().map_or(load, |network| {
                 let sent = complex::product(u, product(&self.places.gain, now, at.deviation));
