@@ -208,6 +208,29 @@ impl<'a> Case<'a> {
 
     /// The fits from which effects start, of a structure built up effect by effect.
     pub(super) fn baseline(&self, structure: &Structure) -> Result<Baseline, IdentificationError> {
+        self.built_up(structure, |built, effect| self.with(built, effect))
+    }
+
+    /// The same, each effect begun where a fit of a larger structure has it. What the structure by itself leads to was
+    /// seen when its effects were tried one beside the other.
+    pub(super) fn baseline_from(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Result<Baseline, IdentificationError> {
+        let (options, cancel) = (&self.options.composed, self.watcher.cancel);
+        self.built_up(structure, |built, effect| {
+            self.watcher.check()?;
+            let begun = built.with_fit(&self.judged, effect, fit, options, cancel)?;
+            begun.map_or_else(|| self.with(built, effect), Ok)
+        })
+    }
+
+    fn built_up(
+        &self,
+        structure: &Structure,
+        with: impl Fn(&Baseline, &str) -> Result<Baseline, IdentificationError>,
+    ) -> Result<Baseline, IdentificationError> {
         let plain = structure.plain_part();
         let best = self
             .found
@@ -225,7 +248,7 @@ impl<'a> Case<'a> {
         let mut built = built.ok_or_else(|| self.failed())?;
         for effect in structure.names() {
             if !plain.contains(&effect) {
-                built = self.with(&built, &effect)?;
+                built = with(&built, &effect)?;
             }
         }
         Ok(built)

@@ -403,7 +403,8 @@ impl<'a> Stairs<'a> {
             }
             let watcher = self.case.watcher;
             watcher.says(format!("fitting without {effect}"), 0, 1);
-            let fewer = self.case.baseline(&without(&next.structure, &effect)?)?;
+            let structure = without(&next.structure, &effect)?;
+            let fewer = self.case.baseline_from(&structure, &next.all)?;
             let worse_by = fewer.all.criterion() - next.all.criterion();
             if worse_by <= SUPERFLUOUS_DELTA_BIC {
                 *next = fewer;

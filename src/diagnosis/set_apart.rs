@@ -14,61 +14,89 @@ use super::{
     options::{ClaimOptions, EventSplit},
     trials::{Fitted, Trial},
 };
-use crate::identification::intake::PreparedEvent;
+use crate::identification::{
+    composed::{ComposedFit, composition_deviations},
+    intake::PreparedEvent,
+};
 
 /// At most this share of the events is set apart.
 const SHARE_MAX: f64 = 0.25;
 /// An effect explains an event of which it leaves less than this share of what was above the floor, ...
 const LEFT_SHARE: f64 = 0.35;
-/// ... or less than this many times the floor.
+/// ... or less than this many times the floor, ...
 const LEFT_FLOORS: f64 = 4.0;
+/// ... with a composition that is no farther from that of all events, in the deviations that are assumed: a rotor that stands
+/// draws what another composition would.
+const DEVIATION_MAX: f64 = 6.0;
 
-/// What is left of each event, weighted squares per row.
-type PerEvent = Vec<f64>;
+/// What a model leaves of each event.
+struct Left {
+    /// Weighted squares per row.
+    per_row: Vec<f64>,
+    /// How far the event's own composition is from that of all.
+    deviation: Vec<f64>,
+}
 
-/// An event that may be set apart: its place, and the least that any effect leaves of it.
-type Unexplained = (usize, f64);
+/// Why an event may be set apart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Why {
+    /// The least that any effect leaves of it, per row.
+    Leaves(f64),
+    /// Where what explains it needs a composition of its own: how far that is from the others'.
+    OwnComposition(f64),
+}
 
-/// The events that no effect explains.
-fn unexplained(before: &[f64], with: &[PerEvent], options: &ClaimOptions) -> Vec<Unexplained> {
+/// The events that neither the structure itself nor any effect explains.
+fn unexplained(base: &Left, with: &[Left], options: &ClaimOptions) -> Vec<(usize, Why)> {
     let excess = |left: f64| (left - options.floor).max(0.0);
-    let least = |event: usize| {
-        with.iter()
-            .map(|left| left[event])
-            .fold(f64::INFINITY, f64::min)
+    let near = |left: f64| left < LEFT_FLOORS * options.floor;
+    let of = |event: usize| {
+        let before = base.per_row[event];
+        let follows = |left: &&Left| {
+            let left = left.per_row[event];
+            near(left) || excess(left) < LEFT_SHARE * excess(before)
+        };
+        let itself = Some(base).filter(|_| near(before));
+        let following = itself.into_iter().chain(with.iter().filter(follows));
+        let deviations = following.map(|left| left.deviation[event]);
+        let deviation = deviations.fold(f64::INFINITY, f64::min);
+        let least = with.iter().map(|left| left.per_row[event]);
+        let least = least.fold(f64::INFINITY, f64::min);
+        let why = if deviation.is_finite() {
+            Why::OwnComposition(deviation)
+        } else {
+            Why::Leaves(least)
+        };
+        (least.is_finite() && deviation > DEVIATION_MAX).then_some((event, why))
     };
-    let all = (0..before.len()).map(|event| (event, least(event)));
-    all.filter(|&(event, least)| {
-        least.is_finite()
-            && least >= LEFT_FLOORS * options.floor
-            && excess(least) >= LEFT_SHARE * excess(before[event])
-    })
-    .collect()
+    (0..base.per_row.len()).filter_map(of).collect()
 }
 
 /// What is left per row of all but some events.
-fn of_others(left: &[f64], rows: &[usize], apart: &[Unexplained]) -> f64 {
+fn of_others(left: &Left, rows: &[usize], apart: &[(usize, Why)]) -> f64 {
     let is_apart = |event: &usize| apart.iter().any(|(own, _)| own == event);
-    let others = || (0..left.len()).filter(|event| !is_apart(event));
-    let squares: f64 = others().map(|event| left[event] * rows[event] as f64).sum();
+    let others = || (0..rows.len()).filter(|event| !is_apart(event));
+    let squares: f64 = others()
+        .map(|event| left.per_row[event] * rows[event] as f64)
+        .sum();
     squares / others().map(|event| rows[event]).sum::<usize>().max(1) as f64
 }
 
 /// Events to be set apart, and what is left per row of the others with the effect that explains them best; none where no
 /// event stands in the way of a name.
 fn standing_apart(
-    before: &[f64],
-    with: &[PerEvent],
+    base: &Left,
+    with: &[Left],
     rows: &[usize],
     options: &ClaimOptions,
-) -> Option<(Vec<Unexplained>, f64)> {
-    let apart = unexplained(before, with, options);
-    if apart.is_empty() || apart.len() as f64 > SHARE_MAX * before.len() as f64 {
+) -> Option<(Vec<(usize, Why)>, f64)> {
+    let apart = unexplained(base, with, options);
+    if apart.is_empty() || apart.len() as f64 > SHARE_MAX * rows.len() as f64 {
         return None;
     }
     let left = with.iter().map(|left| of_others(left, rows, &apart));
     let least = left.min_by(f64::total_cmp)?;
-    let missing = of_others(before, rows, &apart);
+    let missing = of_others(base, rows, &apart);
     let explained = !is_adequate(missing, options) && least < reached_below(missing, options);
     explained.then_some((apart, least))
 }
@@ -79,25 +107,50 @@ impl Case<'_> {
         if self.options.split != EventSplit::Balanced || !self.changes.apart.is_empty() {
             return Ok(());
         }
-        let before = self.per_row(&base.baseline.all);
-        let fits = list.iter().filter_map(|trial| trial.fit.as_ref());
-        let with: Vec<PerEvent> = fits.map(|fit| self.per_row(fit)).collect();
         let rows: Vec<usize> = self.judged.iter().map(PreparedEvent::rows).collect();
+        let (before, with) = self.left_by(&base.baseline.all, list);
         let found = standing_apart(&before, &with, &rows, &self.options.claim);
         let Some((apart, left)) = found else {
             return Ok(());
         };
-        let apart = apart.into_iter().map(|(event, least)| Apart {
-            event: self.judged[event].id.clone(),
-            reason: format!(
-                "of its {:.1} per sample every effect of the catalogue leaves {least:.1} or more, where one leaves {left:.2} of all others",
-                before[event]
-            ),
+        let apart = apart.into_iter().map(|(event, why)| {
+            let why = match why {
+                Why::Leaves(least) => format!("leaves {least:.1} or more"),
+                Why::OwnComposition(deviation) => format!(
+                    "that explains it takes a composition {deviation:.0} times as far from the other events' as is assumed"
+                ),
+            };
+            Apart {
+                event: self.judged[event].id.clone(),
+                reason: format!(
+                    "of its {:.1} per sample every effect of the catalogue {why}, where one leaves {left:.2} of all others",
+                    before.per_row[event]
+                ),
+            }
         });
         self.anew_with(Changes {
             apart: apart.collect(),
             ..Changes::default()
         })
+    }
+
+    /// What is left of each event by a fit, and with every effect. Compositions are looked at where the best effect needs one
+    /// that is out of the ordinary.
+    fn left_by(&self, base: &ComposedFit, list: &[Trial]) -> (Left, Vec<Left>) {
+        let fits: Vec<&ComposedFit> = (list.iter())
+            .filter_map(|trial| trial.fit.as_ref())
+            .collect();
+        let (scatter, count) = (&self.options.composed.scatter, self.judged.len());
+        let deviations = |fit: &ComposedFit| composition_deviations(&self.judged, fit, scatter);
+        let of_best = fits.first().and_then(|fit| deviations(fit));
+        let looked_at = of_best.is_some_and(|all| all.iter().any(|d| *d > DEVIATION_MAX));
+        let left = |fit: &ComposedFit| Left {
+            per_row: self.per_row(fit),
+            deviation: (looked_at.then(|| deviations(fit)).flatten())
+                .unwrap_or_else(|| vec![0.0; count]),
+        };
+        let with = fits.into_iter().map(left).collect();
+        (left(base), with)
     }
 }
 
@@ -108,21 +161,52 @@ mod tests {
     #[test]
     fn an_event_that_nothing_explains_stands_apart_where_the_others_are_explained() {
         let options = ClaimOptions::default();
-        let rows = [100; 5];
         let found = |before: [f64; 5], with: &[[f64; 5]]| {
-            let with: Vec<PerEvent> = with.iter().map(|left| left.to_vec()).collect();
-            standing_apart(&before, &with, &rows, &options)
+            let with: Vec<Left> = with.iter().map(|left| ordinary(*left)).collect();
+            standing_apart(&ordinary(before), &with, &[100; 5], &options)
         };
         let before = [12.9, 5.3, 16.1, 1.2, 1.6];
         let right = [7.7, 0.6, 0.8, 0.3, 0.4];
         let other = [8.6, 1.8, 3.3, 0.4, 1.0];
         let (apart, left) = found(before, &[other, right]).expect("the first stands apart");
-        assert_eq!(apart, [(0, 7.7)]);
+        assert_eq!(apart, [(0, Why::Leaves(7.7))]);
         assert!((left - 0.525).abs() < 1e-12);
         // Another effect explains it, two events are too many, or the others are followed without any, or with none.
         assert!(found(before, &[[1.0, 5.0, 16.0, 1.2, 1.6], right]).is_none());
         assert!(found(before, &[[7.7, 4.0, 0.8, 0.3, 0.4]]).is_none());
         assert!(found([12.9, 0.6, 0.9, 0.5, 0.6], &[right]).is_none());
         assert!(found(before, &[[8.6, 2.7, 4.9, 0.6, 1.2]]).is_none());
+    }
+
+    #[test]
+    fn an_event_that_takes_a_composition_of_its_own_stands_apart() {
+        let options = ClaimOptions::default();
+        let before = ordinary([5.9, 5.3, 16.1, 1.2, 1.6]);
+        let with = |per_row: [f64; 5], first: f64| Left {
+            deviation: vec![first, 1.0, 0.5, 0.2, 2.0],
+            ..ordinary(per_row)
+        };
+        let right = |first| with([0.9, 0.6, 0.8, 0.3, 0.4], first);
+        let found =
+            |before: &Left, with: &[Left]| standing_apart(before, with, &[100; 5], &options);
+        let (apart, left) = found(&before, &[right(9.0)]).expect("the first stands apart");
+        assert_eq!(apart, [(0, Why::OwnComposition(9.0))]);
+        assert!((left - 0.525).abs() < 1e-12);
+        assert!(
+            found(&before, &[right(4.0)]).is_none(),
+            "as compositions vary"
+        );
+        // What follows the event with an ordinary composition speaks for it, the structure itself too.
+        let other = with([2.0, 5.0, 15.0, 1.2, 1.6], 3.0);
+        assert!(found(&before, &[right(9.0), other]).is_none());
+        let followed = ordinary([1.9, 5.3, 16.1, 1.2, 1.6]);
+        assert!(found(&followed, &[right(9.0)]).is_none());
+    }
+
+    fn ordinary(per_row: [f64; 5]) -> Left {
+        Left {
+            per_row: per_row.to_vec(),
+            deviation: vec![0.0; 5],
+        }
     }
 }

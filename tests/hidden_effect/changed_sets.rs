@@ -74,15 +74,38 @@ fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
 
 #[test]
 fn an_event_that_nothing_explains_is_set_apart_where_the_others_are_explained() {
+    // Swings of its own, as none of the others.
+    let told = deepest_set_apart(write_a_weight_on_a_spring);
+    assert!(
+        told.contains("every effect of the catalogue leaves"),
+        "{told}"
+    );
+}
+
+#[test]
+fn an_event_that_takes_another_load_is_set_apart_where_the_others_are_explained() {
+    // Half of what the load does is left, as if there were half as much of it beside what does not change.
+    let told = deepest_set_apart(|window| {
+        let samples = &mut window.record.samples;
+        let (active, reactive) = (samples[0].active_pu, samples[0].reactive_pu);
+        for sample in samples {
+            sample.active_pu = 0.5 * (sample.active_pu + active);
+            sample.reactive_pu = 0.5 * (sample.reactive_pu + reactive);
+        }
+    });
+    assert!(told.contains("composition"), "{told}");
+}
+
+/// Why the deepest of some events is set apart after a change, where all show the same effect, which is named.
+fn deepest_set_apart(change: impl Fn(&mut Window)) -> String {
     let effect = Effect::ExponentialRecovery;
     let made = study_site(7, 0, &shape(effect, 6, 2e-4)).unwrap();
     let mut windows = windows(&made);
     let (site, options) = (&made.options.site, options());
-    // The deepest has swings of its own, as none of the others.
     let by_depth = |a: &&mut Window, b: &&mut Window| lowest_pu(a).total_cmp(&lowest_pu(b));
     let deepest = windows.iter_mut().min_by(by_depth).unwrap();
     let event = deepest.id.clone();
-    write_a_weight_on_a_spring(deepest);
+    change(deepest);
     let found = diagnose(site, &windows, &plain(), &options, &|_| (), &|| false).unwrap();
     let told = (&found.summary, &found.reasons, &found.events);
     assert_eq!(found.status, Status::MissingEffect, "{told:?}");
@@ -93,6 +116,7 @@ fn an_event_that_nothing_explains_is_set_apart_where_the_others_are_explained() 
     );
     let refused = &found.events.refused;
     assert!(refused.len() == 1 && refused[0].0 == event, "{told:?}");
-    let says = |reason: &String| reason.starts_with(&format!("{event} is set apart: "));
-    assert!(found.reasons.iter().any(says), "{told:?}");
+    let begins = format!("{event} is set apart: ");
+    let reason = (found.reasons.iter()).find(|reason| reason.starts_with(&begins));
+    reason.unwrap_or_else(|| panic!("{told:?}")).clone()
 }

@@ -80,12 +80,16 @@ impl EventCovariance {
         (whitened - &self.basis * amounts).component_mul(&self.root_weights)
     }
 
-    /// The part of a residual that what varies from event to event most probably is:
-    /// `B (I + B' W B)^-1 B' W r`, its conditional mean.
-    pub(super) fn varying(&self, residual: &DVector<f64>) -> DVector<f64> {
+    /// What each random effect most probably is, in its standard deviations: `(I + B' W B)^-1 B' W r`, the conditional
+    /// mean.
+    pub(super) fn amounts(&self, residual: &DVector<f64>) -> DVector<f64> {
         let whitened = residual.component_mul(&self.root_weights);
-        let amounts = self.factor.solve(&self.basis.tr_mul(&whitened));
-        (&self.basis * amounts).component_div(&self.root_weights)
+        self.factor.solve(&self.basis.tr_mul(&whitened))
+    }
+
+    /// The part of a residual that what varies from event to event most probably is: `B` times its [`Self::amounts`].
+    pub(super) fn varying(&self, residual: &DVector<f64>) -> DVector<f64> {
+        (&self.basis * self.amounts(residual)).component_div(&self.root_weights)
     }
 
     /// Logarithm of `det(I + B' W B)`: what the random effects add to the log determinant.

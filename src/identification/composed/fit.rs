@@ -516,6 +516,20 @@ pub fn with_own_composition(
     EventRows::new(event).with_own_composition(&fit.model, &fit.parameters, scatter)
 }
 
+/// How far the composition of every event most probably is from that of a fit, in the standard deviations that are assumed,
+/// the largest of all its parts. `None` when one cannot be simulated.
+#[must_use]
+pub fn composition_deviations(
+    events: &[PreparedEvent],
+    fit: &ComposedFit,
+    scatter: &Scatter,
+) -> Option<Vec<f64>> {
+    let of = |event: &PreparedEvent| {
+        EventRows::new(event).composition_deviation(&fit.model, &fit.parameters, scatter)
+    };
+    events.iter().map(of).collect()
+}
+
 /// `r' Sigma^-1 r` of every event under given parameters, what varies from event to event
 /// marginalised: the misfit of events that were not fitted. `None` when one cannot be simulated.
 #[must_use]

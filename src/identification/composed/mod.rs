@@ -31,7 +31,9 @@ pub use baseline::{Baseline, baseline, has_no_motor};
 pub use coordinates::Coordinates;
 pub use counts::dips;
 pub use extend::{Ground, Screened};
-pub use fit::{ComposedFit, ComposedFitOptions, fit, squares, with_own_composition};
+pub use fit::{
+    ComposedFit, ComposedFitOptions, composition_deviations, fit, squares, with_own_composition,
+};
 pub use model::ComposedLoad;
 pub use narrowed::narrowed;
 pub use refine::refine;

@@ -366,6 +366,21 @@ impl<'a> EventRows<'a> {
         EventCovariance::new(&self.deviations, &columns)
     }
 
+    /// How far the composition that the event most probably has is from that of the model, in the standard deviations
+    /// that are assumed, the largest of all its parts. `None` when it cannot be simulated.
+    pub(super) fn composition_deviation(
+        &self,
+        model: &ComposedModel,
+        parameters: &[f64],
+        scatter: &Scatter,
+    ) -> Option<f64> {
+        let covariance = self.covariance(model, parameters, scatter).ok()??;
+        let residual = self.residual(model, parameters).ok()?;
+        let varying = random_effects(model, parameters, scatter).len();
+        let amounts = covariance.amounts(&residual);
+        Some(amounts.rows(0, varying).amax())
+    }
+
     /// What the model answers to the event with the composition that the event most probably has; not a
     /// number at samples that are not used. `None` when it cannot be simulated.
     pub(super) fn with_own_composition(
