@@ -15,15 +15,18 @@ use crate::{
 
 /// An effect that leaves less than this share of the misfit says where everything else belongs.
 const RIVALS_BELOW: f64 = 0.5;
-/// Rivals that are sketched again from there, at most.
+/// Rivals that are sketched again from there, at most, ...
 const RIVALS_MAX: usize = 3;
+/// ... where nothing has a threshold those that leave less than this many times what the best one leaves.
+const RIVALS_NEAR: f64 = 2.0;
 
 /// Effects that are sketched again beside motors of every kind.
 const FROM_OTHER_MOTORS: usize = 2;
 
 /// Where an effect with a threshold is ahead, others that have one are sketched once more with everything
 /// else as it has it: before the threshold's effect is in the model, all else is bent to make up for it, and
-/// from there not each of them finds its way.
+/// from there not each of them finds its way. So are, where the structure is far from the events, those that come near an
+/// effect without a threshold: of two that straighten the motor each may end at another one.
 pub(super) fn rivals_from_the_best(
     case: &Case<'_>,
     base: &Fitted,
@@ -36,10 +39,17 @@ pub(super) fn rivals_from_the_best(
     let Some(&best) = order.first() else {
         return Ok(());
     };
-    let Some(fit) = list[best].fit.as_ref().filter(|fit| {
-        let left = fit.chi_square_per_row() / base.chi_square();
-        left < RIVALS_BELOW && has_threshold(&list[best])
-    }) else {
+    let before = base.chi_square();
+    let left = |place: usize| {
+        let fit = list[place].fit.as_ref();
+        fit.map_or(f64::INFINITY, ComposedFit::chi_square_per_row)
+    };
+    let switches = has_threshold(&list[best]);
+    let Some(fit) = list[best]
+        .fit
+        .as_ref()
+        .filter(|_| left(best) < RIVALS_BELOW * before && (switches || before > FOLLOWED))
+    else {
         return Ok(());
     };
     let Some(origin) = (base.baseline).with_values_of(&case.judged, fit, options, cancel) else {
@@ -47,7 +57,10 @@ pub(super) fn rivals_from_the_best(
     };
     let rivals = order.into_iter().skip(1);
     let rivals: Vec<usize> = rivals
-        .filter(|place| has_threshold(&list[*place]))
+        .filter(|&place| {
+            let near = switches || left(place) < RIVALS_NEAR * left(best);
+            near && has_threshold(&list[place]) == switches
+        })
         .take(RIVALS_MAX)
         .collect();
     let wanted = wanted_beside_all(case, base, goal, list);

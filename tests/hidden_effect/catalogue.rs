@@ -121,7 +121,7 @@ fn motors_that_trip_and_come_back() {
 
 #[test]
 fn electronics_that_drop_out() {
-    is_named(Effect::ElectronicLoadDropout, 1, &brief(30.0));
+    is_named(Effect::ElectronicLoadDropout, 1, &brief(60.0));
 }
 
 #[test]
