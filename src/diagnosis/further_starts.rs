@@ -40,15 +40,12 @@ pub(super) fn rivals_from_the_best(
         return Ok(());
     };
     let before = base.chi_square();
-    let left = |place: usize| {
-        let fit = list[place].fit.as_ref();
-        fit.map_or(f64::INFINITY, ComposedFit::chi_square_per_row)
-    };
+    let left = list[best].chi_square();
     let switches = has_threshold(&list[best]);
     let Some(fit) = list[best]
         .fit
         .as_ref()
-        .filter(|_| left(best) < RIVALS_BELOW * before && (switches || before > FOLLOWED))
+        .filter(|_| left < RIVALS_BELOW * before && (switches || before > FOLLOWED))
     else {
         return Ok(());
     };
@@ -58,7 +55,7 @@ pub(super) fn rivals_from_the_best(
     let rivals = order.into_iter().skip(1);
     let rivals: Vec<usize> = rivals
         .filter(|&place| {
-            let near = switches || left(place) < RIVALS_NEAR * left(best);
+            let near = switches || list[place].chi_square() < RIVALS_NEAR * left;
             near && has_threshold(&list[place]) == switches
         })
         .take(RIVALS_MAX)
@@ -104,11 +101,10 @@ pub(super) fn from_other_motors(
     list: &mut [Trial],
 ) -> Result<(), IdentificationError> {
     let order = by_criterion(list);
-    let left = |place: &usize| {
-        let fit = list[*place].fit.as_ref();
-        fit.map_or(f64::INFINITY, ComposedFit::chi_square_per_row)
-    };
-    let least = order.iter().map(left).fold(f64::INFINITY, f64::min);
+    let least = list
+        .iter()
+        .map(Trial::chi_square)
+        .fold(f64::INFINITY, f64::min);
     if matches!(goal, Goal::Below(_)) || least < FOLLOWED {
         return Ok(());
     }

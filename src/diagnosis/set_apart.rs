@@ -135,7 +135,7 @@ impl Case<'_> {
     }
 
     /// What is left of each event by a fit, and with every effect. Compositions are looked at where the best effect needs one
-    /// that is out of the ordinary.
+    /// that is out of the ordinary; one that cannot be had counts as ordinary and sets nothing apart.
     fn left_by(&self, base: &ComposedFit, list: &[Trial]) -> (Left, Vec<Left>) {
         let fits: Vec<&ComposedFit> = (list.iter())
             .filter_map(|trial| trial.fit.as_ref())

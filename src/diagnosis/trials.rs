@@ -73,6 +73,12 @@ impl Trial {
         self.declaration.name
     }
 
+    /// Weighted squares per row that are left with it; infinite without a fit.
+    pub(super) fn chi_square(&self) -> f64 {
+        let fit = self.fit.as_ref();
+        fit.map_or(f64::INFINITY, ComposedFit::chi_square_per_row)
+    }
+
     pub(super) fn delta_bic(&self) -> f64 {
         self.evidence
             .as_ref()
@@ -322,10 +328,6 @@ fn refine(
 ) -> Result<(), IdentificationError> {
     let before = base.baseline.all.criterion();
     let gain = |fit: &ComposedFit| before - fit.criterion();
-    let left = |trial: &Trial| {
-        let fit = trial.fit.as_ref();
-        fit.map_or(f64::INFINITY, ComposedFit::chi_square_per_row)
-    };
     let best = (list.iter().filter_map(|t| t.fit.as_ref()))
         .map(gain)
         .fold(0.0, f64::max);
@@ -335,12 +337,12 @@ fn refine(
         .collect();
     order.sort_by(|a, b| b.1.total_cmp(&a.1));
     let ended = list.iter().filter(|trial| trial.evidence.is_some());
-    let mut least = ended.map(left).fold(f64::INFINITY, f64::min);
+    let mut least = ended.map(Trial::chi_square).fold(f64::INFINITY, f64::min);
     let mut wanted = wanted_beside_all(case, base, goal, list);
     for (number, (place, gain)) in order.into_iter().enumerate() {
         let trial = &mut list[place];
         let given_up = trial.fit.as_ref().is_some_and(|fit| fit.given_up);
-        let beaten = given_up || least < FOLLOWED && left(trial) > BEATEN * least;
+        let beaten = given_up || least < FOLLOWED && trial.chi_square() > BEATEN * least;
         let Some(mut fit) = trial.fit.take() else {
             continue;
         };
