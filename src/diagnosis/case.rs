@@ -51,9 +51,18 @@ impl Watcher<'_> {
     }
 }
 
+/// How ZIP and motor are sought.
+pub(super) fn plain_search(options: &DiagnosisOptions) -> SearchOptions {
+    SearchOptions {
+        explored_below_per_row: EXPLORED_BELOW_PER_ROW,
+        ..options.identification.search
+    }
+}
+
 /// The events by use and the plain search on them.
 pub(super) struct Case<'a> {
     pub(super) site: &'a Site,
+    pub(super) windows: &'a [Window],
     pub(super) options: &'a DiagnosisOptions,
     pub(super) watcher: Watcher<'a>,
     /// Fitted and gating events, jumps aligned.
@@ -74,7 +83,7 @@ impl<'a> Case<'a> {
     /// Prepares the windows and runs the plain search on all but the untouched ones.
     pub(super) fn new(
         site: &'a Site,
-        windows: &[Window],
+        windows: &'a [Window],
         options: &'a DiagnosisOptions,
         changes: &Changes,
         watcher: Watcher<'a>,
@@ -102,10 +111,7 @@ impl<'a> Case<'a> {
         }
         watcher.says("fitting ZIP and motor".to_owned(), 0, 1);
         let problem = options.identification.problem;
-        let search = SearchOptions {
-            explored_below_per_row: EXPLORED_BELOW_PER_ROW,
-            ..options.identification.search
-        };
+        let search = plain_search(options);
         let AlignedFit {
             found,
             events: judged,
@@ -114,6 +120,7 @@ impl<'a> Case<'a> {
         let untouched = untouched.iter().map(|e| trend.applied_to(e)).collect();
         Ok(Self {
             site,
+            windows,
             options,
             watcher,
             judged,

@@ -5,6 +5,7 @@ use super::{
     anew::with_settled_events,
     case::{Case, Watcher},
     evidence::objections,
+    in_the_way::WithoutIt,
     options::{DiagnosisOptions, Progress},
     outcome::{
         Candidate, Diagnosis, DiagnosisCost, EventSets, GeneralForm, Status, StructureErrors,
@@ -51,6 +52,9 @@ pub fn diagnose(
     let watcher = Watcher { progress, cancel };
     let judged = with_settled_events(site, windows, &parsed, options, watcher, |case, base| {
         case.none_at_edges(&base)?;
+        if let Some(WithoutIt { case, round, .. }) = case.without_what_is_in_the_way(&base)? {
+            return Ok(report(&case, &round)?);
+        }
         let round = round(case, base)?;
         Ok(report(case, &round)?)
     });

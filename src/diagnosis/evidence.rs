@@ -65,6 +65,14 @@ impl Evidence {
             && fall(self.chi_square_before, self.chi_square_after) >= options.evident_fall
     }
 
+    /// Whether it is small beside the noise that is assumed, but clear, and no other effect comes near: all events in turn
+    /// may confirm it where the held-out ones by themselves do not.
+    pub(super) fn may_be_confirmed(&self, options: &ClaimOptions) -> bool {
+        self.is_followed(options)
+            && self.stands_out(options)
+            && self.delta_bic <= -options.confirmed_delta_bic
+    }
+
     /// Whether events that it was not fitted to confirm what is small beside the noise that is assumed. What others come
     /// nearer to is not.
     fn is_confirmed(&self, options: &ClaimOptions) -> bool {
@@ -385,6 +393,41 @@ pub(super) mod tests {
             ..large(0.0)
         };
         assert!(objections(&not_followed, &options)[0].contains("falls by 4.1 %"));
+    }
+
+    #[test]
+    fn what_is_small_may_be_confirmed_by_all_events_in_turn() {
+        let options = ClaimOptions::default();
+        let small = |in_turn: Option<f64>| Evidence {
+            chi_square_before: 0.27,
+            runner_up: 0.4,
+            gate: Some(GateEvidence {
+                before: 0.263,
+                after: 0.258,
+            }),
+            in_turn: in_turn.map(|after| GateEvidence {
+                before: 0.268,
+                after,
+            }),
+            ..evidence(-240.0, 0.235, true)
+        };
+        let refused = small(None);
+        assert!(refused.may_be_confirmed(&options) && is_refused_by_gate_alone(&refused, &options));
+        assert!(objections(&small(Some(0.238)), &options).is_empty());
+        assert_eq!(objections(&small(Some(0.253)), &options).len(), 1);
+        // Others come near, or it is next to nothing.
+        for other in [
+            Evidence {
+                runner_up: 0.7,
+                ..small(None)
+            },
+            Evidence {
+                delta_bic: -90.0,
+                ..small(None)
+            },
+        ] {
+            assert!(!other.may_be_confirmed(&options));
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ use super::{
     anew::{Stop, with_settled_events},
     case::{Case, Watcher},
     diagnose::report,
+    in_the_way::WithoutIt,
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status, StructureErrors},
     round::{Second, round},
@@ -144,6 +145,17 @@ impl<'a> Stairs<'a> {
     /// A diagnosis, the fit with the first effect of its answer, and the second that it needs, if any. Where
     /// it found a lower fit of the structure itself, that takes the place of the one it began with.
     fn round(&mut self) -> Result<(Diagnosis, Option<ComposedFit>, Option<Second>), Stop> {
+        if let Some(found) = self.case.without_what_is_in_the_way(&self.at)? {
+            let WithoutIt {
+                case,
+                round,
+                with_it,
+                apart,
+            } = found;
+            self.case.anew_with(apart.unwrap_or_default())?;
+            let found = report(&case, &round)?;
+            return Ok((found, Some(with_it), round.decision.second));
+        }
         let round = round(self.case, self.at.clone())?;
         let asked = &round.asked.baseline;
         if asked.all.minus_twice_log_posterior() < self.at.all.minus_twice_log_posterior() {

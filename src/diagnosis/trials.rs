@@ -427,7 +427,8 @@ fn hold_against_gate(
         if let (Some(before), Some(after)) = (base.gate, after) {
             evidence.gate = Some(GateEvidence { before, after });
         }
-        if evidence.is_overwhelming(options) && is_refused_by_gate_alone(evidence, options) {
+        let clear = evidence.is_overwhelming(options) || evidence.may_be_confirmed(options);
+        if clear && is_refused_by_gate_alone(evidence, options) {
             let own = trial.fit.as_ref();
             evidence.in_turn = own.and_then(|own| case.in_turn(&base.baseline.all, own));
             case.watcher.check()?;
