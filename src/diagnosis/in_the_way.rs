@@ -60,7 +60,7 @@ impl<'a> Case<'a> {
             base.structure.names().join(" + "),
             base.all.chi_square_per_row()
         );
-        match self.round_without(base, event, reason) {
+        match self.round_without(base, event, &reason) {
             Err(Stop::Failed(
                 IdentificationError::NoSolution | IdentificationError::NotSimulated { .. },
             )) => Ok(None),
@@ -113,7 +113,7 @@ impl<'a> Case<'a> {
         &self,
         base: &Baseline,
         event: usize,
-        reason: String,
+        reason: &str,
     ) -> Result<Option<WithoutIt<'a>>, Stop> {
         let id = &self.judged[event].id;
         let apart = |reason: String| Changes {
