@@ -3,7 +3,8 @@
 //! A motor that stays below its speed after the fault draws for seconds what no running motor does. Where the structure's own
 //! motor recovers at such an event, its constants are bent until it does not, and what is left of all other events says
 //! nothing of what is missing. Effects are compared without it then, and what they explain is held against it afterwards.
-//! Unlike an event that is set apart (`set_apart`) it stays one of those that every later fit has to follow.
+//! Where that follows it, or leaves much that something else may explain, it stays one of those that every later fit has to
+//! follow; what comes near and no nearer sets it apart, as `set_apart` does with what nothing explains.
 
 use super::{
     anew::Stop,
@@ -12,6 +13,8 @@ use super::{
     options::EventSplit,
     outcome::Status,
     round::{Round, round},
+    set_apart::LEFT_FLOORS,
+    trials::FAR_PER_ROW,
 };
 use crate::identification::{
     IdentificationError,
@@ -21,16 +24,13 @@ use crate::identification::{
     intake::PreparedEvent,
 };
 
-/// Events are in the way of a structure only where it leaves more than this per row, ...
-const FAR_PER_ROW: f64 = 10.0;
-/// ... and those of which it leaves this many times less without one.
+/// An event is in the way of a structure that is far from the events ([`FAR_PER_ROW`]) and leaves this many times less of the
+/// others without it.
 const FALL: f64 = 10.0;
 /// So many of the deepest are looked at.
 const DEEPEST: usize = 3;
 /// With fewer judged events none is left out.
 const EVENTS_MIN: usize = 5;
-/// What explains the others follows the event where it leaves less than this many times the floor of it.
-const FOLLOWED_FLOORS: f64 = 4.0;
 
 /// What was found without the event that was in the way.
 pub(super) struct WithoutIt<'a> {
@@ -109,6 +109,8 @@ impl<'a> Case<'a> {
         }
     }
 
+    /// The round among all but one event; none where nothing is missing there, nothing is named, or what is named comes no
+    /// closer to all events than the structure.
     fn round_without(
         &self,
         base: &Baseline,
@@ -177,7 +179,7 @@ fn most_in_the_way(left: f64, without: &[(usize, f64)]) -> Option<(usize, f64)> 
 /// Whether an effect takes what an event in the way leaves of all events, from `before` per row to `after`, and yet comes no
 /// nearer to the event itself than some times the noise.
 fn is_explained_but_not_followed([before, after]: [f64; 2], left: f64, floor: f64) -> bool {
-    left > FOLLOWED_FLOORS * floor && after < before / FALL
+    left > LEFT_FLOORS * floor && after < before / FALL
 }
 
 /// Places of the deepest events, the deepest first.

@@ -24,7 +24,7 @@ const SHARE_MAX: f64 = 0.25;
 /// An effect explains an event of which it leaves less than this share of what was above the floor, ...
 const LEFT_SHARE: f64 = 0.35;
 /// ... or less than this many times the floor, ...
-const LEFT_FLOORS: f64 = 4.0;
+pub(super) const LEFT_FLOORS: f64 = 4.0;
 /// ... with a composition that is no farther from that of all events, in the deviations that are assumed: a rotor that stands
 /// draws what another composition would.
 const DEVIATION_MAX: f64 = 6.0;

@@ -26,7 +26,7 @@ const HOPELESS_GAIN: f64 = 1.0;
 const HOPELESS_SHARE: f64 = 0.1;
 /// Where the model leaves more than this per row, a score says little of what has a threshold: it is
 /// refitted whatever its share.
-const FAR_PER_ROW: f64 = 10.0;
+pub(super) const FAR_PER_ROW: f64 = 10.0;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
 
