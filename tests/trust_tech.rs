@@ -136,7 +136,6 @@ fn solutions_1_and_5_of_table_1_are_one_model() {
         let model = FittedModel {
             motor: motor_coordinates(&x),
             linear: LinearCoefficients::from_array(linear),
-            frequency_scaled_power: false,
         };
         model.simulate(&event).unwrap()
     };

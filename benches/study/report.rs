@@ -87,7 +87,6 @@ impl Found {
         let model = FittedModel {
             motor: motor_coordinates(&DVector::from_column_slice(&self.x)),
             linear: LinearCoefficients::from_array(self.linear),
-            frequency_scaled_power: false,
         };
         let curves = model.simulate(event).ok()?;
         let active = curves.active.iter().zip(&event.active_deviation);

@@ -10,7 +10,6 @@ use super::{
     anew::Stop,
     case::{Case, plain_search},
     event_sets::{Apart, Changes},
-    options::EventSplit,
     outcome::Status,
     round::{Round, round},
     set_apart::LEFT_FLOORS,
@@ -72,10 +71,9 @@ impl<'a> Case<'a> {
     /// the others then.
     fn in_the_way(&self, base: &Baseline) -> Result<Option<(usize, f64)>, IdentificationError> {
         let left = base.all.chi_square_per_row();
-        let may_choose = self.options.split == EventSplit::Balanced;
         let plain = base.structure.names() == base.structure.plain_part().names();
-        let enough = self.judged.len() >= EVENTS_MIN && self.changes.apart.is_empty();
-        if !(may_choose && plain && enough && left > FAR_PER_ROW) {
+        let enough = self.judged.len() >= EVENTS_MIN && self.has_room_apart();
+        if !(plain && enough && left > FAR_PER_ROW) {
             return Ok(None);
         }
         let mut without = Vec::with_capacity(DEEPEST);

@@ -19,7 +19,7 @@ use crate::identification::{
     intake::PreparedEvent,
 };
 
-/// At most this share of the events is set apart.
+/// At most this share of the events is set apart, all that are taken together.
 const SHARE_MAX: f64 = 0.25;
 /// An effect explains an event of which it leaves less than this share of what was above the floor, ...
 const LEFT_SHARE: f64 = 0.35;
@@ -44,6 +44,11 @@ enum Why {
     Leaves(f64),
     /// Where what explains it needs a composition of its own: how far that is from the others'.
     OwnComposition(f64),
+}
+
+/// Whether `more` events may be set apart beside `apart` others, of which `judged` are left.
+const fn has_room(more: usize, apart: usize, judged: usize) -> bool {
+    (more + apart) as f64 <= SHARE_MAX * (judged + apart) as f64
 }
 
 /// The events that neither the structure itself nor any effect explains.
@@ -82,16 +87,16 @@ fn of_others(left: &Left, rows: &[usize], apart: &[(usize, Why)]) -> f64 {
     squares / others().map(|event| rows[event]).sum::<usize>().max(1) as f64
 }
 
-/// Events to be set apart, and what is left per row of the others with the effect that explains them best; none where no
-/// event stands in the way of a name.
+/// Events to be set apart beside those that are `already`, and what is left per row of the others with the effect that
+/// explains them best; none where no event stands in the way of a name.
 fn standing_apart(
     base: &Left,
     with: &[Left],
-    rows: &[usize],
+    (rows, already): (&[usize], usize),
     options: &ClaimOptions,
 ) -> Option<(Vec<(usize, Why)>, f64)> {
     let apart = unexplained(base, with, options);
-    if apart.is_empty() || apart.len() as f64 > SHARE_MAX * rows.len() as f64 {
+    if apart.is_empty() || !has_room(apart.len(), already, rows.len()) {
         return None;
     }
     let left = with.iter().map(|left| of_others(left, rows, &apart));
@@ -102,14 +107,21 @@ fn standing_apart(
 }
 
 impl Case<'_> {
+    /// Whether one more event may be set apart.
+    pub(super) fn has_room_apart(&self) -> bool {
+        let may_choose = self.options.split == EventSplit::Balanced;
+        may_choose && has_room(1, self.changes.apart.len(), self.judged.len())
+    }
+
     /// That no event has to be set apart.
     pub(super) fn none_apart(&self, base: &Fitted, list: &[Trial]) -> Result<(), Stop> {
-        if self.options.split != EventSplit::Balanced || !self.changes.apart.is_empty() {
+        if !self.has_room_apart() {
             return Ok(());
         }
         let rows: Vec<usize> = self.judged.iter().map(PreparedEvent::rows).collect();
         let (before, with) = self.left_by(&base.baseline.all, list);
-        let found = standing_apart(&before, &with, &rows, &self.options.claim);
+        let rows = (&rows[..], self.changes.apart.len());
+        let found = standing_apart(&before, &with, rows, &self.options.claim);
         let Some((apart, left)) = found else {
             return Ok(());
         };
@@ -163,7 +175,7 @@ mod tests {
         let options = ClaimOptions::default();
         let found = |before: [f64; 5], with: &[[f64; 5]]| {
             let with: Vec<Left> = with.iter().map(|left| ordinary(*left)).collect();
-            standing_apart(&ordinary(before), &with, &[100; 5], &options)
+            standing_apart(&ordinary(before), &with, (&[100; 5], 0), &options)
         };
         let before = [12.9, 5.3, 16.1, 1.2, 1.6];
         let right = [7.7, 0.6, 0.8, 0.3, 0.4];
@@ -179,6 +191,12 @@ mod tests {
     }
 
     #[test]
+    fn a_quarter_of_the_events_is_set_apart_at_most() {
+        assert!(has_room(1, 0, 5) && has_room(1, 1, 7) && has_room(2, 0, 8));
+        assert!(!has_room(2, 0, 7) && !has_room(1, 1, 6) && !has_room(1, 2, 8));
+    }
+
+    #[test]
     fn an_event_that_takes_a_composition_of_its_own_stands_apart() {
         let options = ClaimOptions::default();
         let before = ordinary([5.9, 5.3, 16.1, 1.2, 1.6]);
@@ -188,7 +206,7 @@ mod tests {
         };
         let right = |first| with([0.9, 0.6, 0.8, 0.3, 0.4], first);
         let found =
-            |before: &Left, with: &[Left]| standing_apart(before, with, &[100; 5], &options);
+            |before: &Left, with: &[Left]| standing_apart(before, with, (&[100; 5], 0), &options);
         let (apart, left) = found(&before, &[right(9.0)]).expect("the first stands apart");
         assert_eq!(apart, [(0, Why::OwnComposition(9.0))]);
         assert!((left - 0.525).abs() < 1e-12);

@@ -36,8 +36,6 @@ pub struct FittedModel {
     pub motor: MotorCoordinates<f64>,
     /// Shares and static part, relative to P0.
     pub linear: LinearCoefficients,
-    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`).
-    pub frequency_scaled_power: bool,
 }
 
 /// Coefficients of a static model.
@@ -70,7 +68,7 @@ impl FittedModel {
         self.motor.simulate(&event.input, &mut out)?;
         let rest = reactive_at_rest(&self.motor);
         let beta = self.linear.to_array();
-        let motor = motor_change(event, &out, rest, self.frequency_scaled_power);
+        let motor = motor_change(event, &out, rest);
         let (active, reactive) = motor
             .iter()
             .zip(event.chain.static_responses())

@@ -74,12 +74,8 @@ pub(super) fn motor_change<S: Scalar>(
     event: &PreparedEvent,
     out: &MotorOutput<S>,
     rest: S,
-    frequency_scaled: bool,
 ) -> Vec<[S; 2]> {
-    let df = event.chain.output_frequency_deviation();
-    let active: Vec<S> = (out.active.iter().zip(df))
-        .map(|(&p, df)| if frequency_scaled { p * (1.0 + df) } else { p } + -1.0)
-        .collect();
+    let active: Vec<S> = out.active.iter().map(|&p| p + -1.0).collect();
     let reactive: Vec<S> = out.reactive.iter().map(|&q| q - rest).collect();
     event.chain.measured(&active, &reactive)
 }
@@ -153,8 +149,6 @@ pub(super) struct EventColumns<'a> {
     pub(super) input: BatchInput<'a>,
     /// Products of the fixed columns among themselves.
     fixed: Gram,
-    /// `f / f0` at the output instants where the motor's power follows it.
-    frequency: Option<Vec<f64>>,
     /// Per channel and output instants: the fixed columns times their weight; zero at instants that are
     /// no sample of the fit or lie near a jump.
     weighted: [Vec<[Lanes; FILLED]>; 2],
@@ -171,16 +165,12 @@ struct NearJump<'a> {
 
 impl<'a> EventColumns<'a> {
     /// The fixed part of an event's Gram matrix.
-    pub(super) fn new(event: &'a PreparedEvent, frequency_scaled: bool) -> Self {
+    pub(super) fn new(event: &'a PreparedEvent) -> Self {
         let instants = event.input.output_count();
         let blocks = instants.div_ceil(LANES);
         let mut columns = Self {
             input: BatchInput::new(&event.input),
             fixed: Gram::zeros(),
-            frequency: frequency_scaled.then(|| {
-                let deviation = event.chain.output_frequency_deviation();
-                deviation.iter().map(|df| 1.0 + df).collect()
-            }),
             weighted: std::array::from_fn(|_| vec![[[0.0; LANES]; FILLED]; blocks]),
             near_jumps: Vec::new(),
         };
@@ -252,7 +242,6 @@ impl<'a> EventColumns<'a> {
         let mut parts = series.chunks_exact_mut(self.series_length());
         let columns: [[&[f64]; 2]; N] = std::array::from_fn(|i| {
             let [active, reactive] = [(); 2].map(|()| parts.next().unwrap_or_default());
-            self.scale_with_frequency(active);
             subtract(active, if i + 1 == N { 1.0 } else { 0.0 });
             subtract(reactive, rest[i]);
             [&*active, &*reactive]
@@ -262,14 +251,6 @@ impl<'a> EventColumns<'a> {
             event: self,
             columns: &columns,
         })
-    }
-
-    fn scale_with_frequency(&self, active: &mut [f64]) {
-        if let Some(frequency) = &self.frequency {
-            for (p, f) in active.iter_mut().zip(frequency) {
-                *p *= f;
-            }
-        }
     }
 
     /// The Gram matrix with the last `N` columns up to the motor's.

@@ -119,7 +119,7 @@ pub enum IdentificationError {
         usable: String,
     },
     /// A stored set lacks a coordinate and cannot be simulated.
-    #[error("parameter set holds no `{name}`: it cannot be simulated")]
+    #[error("parameter set holds no `{name}`: it cannot be simulated; fit the site again")]
     IncompleteSet {
         /// The coordinate.
         name: String,
@@ -551,7 +551,6 @@ fn model_of(set: &ParameterSet) -> Result<Box<dyn EventModel>, IdentificationErr
             kappa: base[2],
         },
         linear: LinearCoefficients::from_array(linear),
-        frequency_scaled_power: structure.contains("frequency_scaled_power"),
     }))
 }
 

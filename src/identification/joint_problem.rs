@@ -114,9 +114,7 @@ impl<'a> JointProblem<'a> {
         options: ProblemOptions,
         cancel: &'a (dyn Fn() -> bool + Sync),
     ) -> Self {
-        let columns = (events.iter())
-            .map(|event| EventColumns::new(event, options.frequency_scaled_power))
-            .collect();
+        let columns = events.iter().map(EventColumns::new).collect();
         Self {
             events,
             columns,

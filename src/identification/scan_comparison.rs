@@ -150,7 +150,7 @@ fn known(
 
 fn same(problem: &JointProblem<'_>, a: &LocalSolution, b: &LocalSolution) -> bool {
     let outputs = || {
-        let model = |x: &DVector<f64>| fitted_model(problem, x, problem.linear(x)?);
+        let model = |x: &DVector<f64>| Some(fitted_model(x, problem.linear(x)?));
         match (model(&a.x), model(&b.x)) {
             (Some(a), Some(b)) => outputs_apart(&a, &b, problem.events()),
             _ => f64::INFINITY,

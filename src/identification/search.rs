@@ -74,7 +74,7 @@ pub(super) fn reduced(
     let bounds = outer_bounds();
     let same = |a: &LocalSolution, b: &LocalSolution| {
         let close = || {
-            let model = |x: &DVector<f64>| fitted_model(problem, x, problem.linear(x)?);
+            let model = |x: &DVector<f64>| Some(fitted_model(x, problem.linear(x)?));
             let (Some(a), Some(b)) = (model(&a.x), model(&b.x)) else {
                 return f64::INFINITY;
             };
@@ -119,7 +119,7 @@ pub(super) fn reduced(
         let point = simulated.point(&found.local.x)?;
         Some(FitSolution {
             found: found.clone(),
-            model: fitted_model(problem, &found.local.x, point.linear)?,
+            model: fitted_model(&found.local.x, point.linear),
             point,
             paper: None,
         })
@@ -295,14 +295,8 @@ pub(super) fn paper(
             ..at.clone()
         };
         let apart = || {
-            let models = (
-                fitted_model(problem, &xa, la),
-                fitted_model(problem, &xb, lb),
-            );
-            match models {
-                (Some(a), Some(b)) => outputs_apart(&a, &b, problem.events()),
-                _ => f64::INFINITY,
-            }
+            let [a, b] = [fitted_model(&xa, la), fitted_model(&xb, lb)];
+            outputs_apart(&a, &b, problem.events())
         };
         let close = |a: &f64, b: &f64| (a - b).abs() < SAME_COORDINATES;
         let linear_close = la.iter().zip(&lb).all(|(a, b)| close(a, b));
@@ -329,7 +323,7 @@ pub(super) fn paper(
         let nine = paper.parameters(&found.local.x);
         let active = paper.active_bounds(&found.local.x);
         Some(FitSolution {
-            model: fitted_model(problem, &x, linear)?,
+            model: fitted_model(&x, linear),
             found: FoundSolution {
                 local: LocalSolution {
                     x,
@@ -436,20 +430,11 @@ pub(super) fn outputs_apart(a: &FittedModel, b: &FittedModel, events: &[Prepared
     0.5 * sum
 }
 
-#[allow(
-    clippy::unnecessary_wraps,
-    reason = "its callers chain it with what may not exist"
-)]
-pub(super) fn fitted_model(
-    problem: &JointProblem<'_>,
-    x: &DVector<f64>,
-    linear: [f64; LINEAR],
-) -> Option<FittedModel> {
-    Some(FittedModel {
+pub(super) fn fitted_model(x: &DVector<f64>, linear: [f64; LINEAR]) -> FittedModel {
+    FittedModel {
         motor: motor_coordinates(x),
         linear: LinearCoefficients::from_array(linear),
-        frequency_scaled_power: problem.options().frequency_scaled_power,
-    })
+    }
 }
 
 #[cfg(test)]

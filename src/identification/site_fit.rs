@@ -119,10 +119,7 @@ pub(super) fn fit_site(
         return Err(IdentificationError::NoUsableEvent { refused });
     }
     let (fitted, held) = split(events, &options.split)?;
-    let problem = ProblemOptions {
-        frequency_scaled_power: structure.contains("frequency_scaled_power"),
-        ..options.problem
-    };
+    let problem = options.problem;
     let begun = fit_aligned(fitted, problem, &options.search, cancel)?;
     let (aligned, measured) = match options.robust {
         None => {

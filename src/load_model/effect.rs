@@ -323,6 +323,11 @@ pub trait Declared: Debug + Send + Sync {
         None
     }
 
+    /// Names of threshold and span where the first is nothing but the voltage at which a band begins.
+    fn band(&self) -> Option<[&'static str; 2]> {
+        Some([self.threshold()?, self.span()?])
+    }
+
     /// Names of the shapes that are deviations of the frequency at which the effect begins, below and above: settings of
     /// relays, as a threshold is. A search tries those that the events reach, one side after the other, and not those of the
     /// grid.

@@ -60,12 +60,6 @@ pub enum StructureError {
         /// Why.
         reason: &'static str,
     },
-    /// A part that only the composed simulation knows.
-    #[error("`{name}` cannot be fitted by the plain path of ZIP and motor")]
-    NotPlain {
-        /// The name.
-        name: &'static str,
-    },
 }
 
 /// Parts of every structure.
@@ -79,9 +73,6 @@ const BASE: [Part; 2] = [
         version: 1,
     },
 ];
-
-/// The effect that the plain path of the identification can simulate (with its typical parameter).
-const PLAIN_EFFECT: &str = "frequency_scaled_power";
 
 fn part(effect: &dyn Effect) -> Part {
     let declaration = effect.declaration();
@@ -171,28 +162,11 @@ impl Structure {
         &self.ranges
     }
 
-    /// Refuses a structure that the plain path of ZIP and motor would simulate without some part.
-    ///
-    /// # Errors
-    ///
-    /// [`StructureError::NotPlain`] with the first such part.
-    pub fn plain(self) -> Result<Self, StructureError> {
-        let more = self
-            .effects()
-            .find(|e| e.declaration().name != PLAIN_EFFECT);
-        match more {
-            None => Ok(self),
-            Some(effect) => Err(StructureError::NotPlain {
-                name: effect.declaration().name,
-            }),
-        }
-    }
-
-    /// The structure without what the plain path cannot simulate.
+    /// The structure without its effects: ZIP and motor.
     #[must_use]
     pub fn plain_part(&self) -> Self {
         let base = BASE.map(|p| p.name);
-        let kept = |p: &&Part| base.contains(&p.name) || p.name == PLAIN_EFFECT;
+        let kept = |p: &&Part| base.contains(&p.name);
         Self {
             parts: self.parts.iter().filter(kept).copied().collect(),
             ranges: self.ranges.clone(),
@@ -263,16 +237,10 @@ mod tests {
     }
 
     #[test]
-    fn the_plain_path_refuses_what_it_would_leave_out() {
-        let plain = Structure::zip_im().with("frequency_scaled_power").unwrap();
-        assert!(plain.clone().plain().is_ok());
-        let more = plain.with("second_motor").unwrap();
-        assert_eq!(
-            more.plain().unwrap_err(),
-            StructureError::NotPlain {
-                name: "second_motor"
-            }
-        );
+    fn the_plain_part_has_no_effect() {
+        let more = Structure::zip_im().with("frequency_scaled_power").unwrap();
+        let more = more.with("second_motor").unwrap();
+        assert_eq!(more.plain_part(), Structure::zip_im());
     }
 
     #[test]

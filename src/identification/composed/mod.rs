@@ -4,6 +4,7 @@
 //! fits start. Here every parameter is an unknown of a Levenberg-Marquardt method with exact
 //! sensitivities; what varies from event to event is marginalised as there.
 
+mod band;
 mod base;
 mod baseline;
 mod candidates;

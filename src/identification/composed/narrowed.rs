@@ -6,6 +6,7 @@
 //! the spread is widened only where the events then still disagree (decision 0034).
 
 use super::{
+    band::{Bands, bands},
     coordinates::Coordinates,
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions, Place, fit_rows, squares},
@@ -34,7 +35,8 @@ const SHARED: f64 = 4.0;
 /// varies, and errors stated as if it did not vary are too small (decision 0048), corrected where its curvature is a
 /// poor guide to errors (decision 0059). Effects' shares, which single events determine, are taken to vary as they
 /// are seen to (decision 0088). A threshold that lies between two dips stays in their
-/// middle, where `fit` has it: nothing else draws it anywhere.
+/// middle, where `fit` has it: nothing else draws it anywhere. So does the beginning of a band of voltages at the mean of
+/// where it may be (decision 0096).
 #[must_use]
 pub fn narrowed(
     events: &[PreparedEvent],
@@ -51,8 +53,8 @@ pub fn narrowed(
         scatter: options.scatter.times([1.0, shown.unwrap_or(1.0)]),
         ..*options
     };
-    let quoted = quoted::quoted(&rows, fit, &stated, cancel);
-    let begun = held_between_dips(fit, quoted.as_ref());
+    let (begun, quoted) = with_its_errors(&rows, fit, &stated, cancel);
+    let begun = held(&begun, quoted.as_ref());
     // A relay's settings have corners at which a step along all parameters at once goes nowhere.
     let smooth = without_shapes(&begun);
     let again = |from: &ComposedFit, shares: [f64; 2]| {
@@ -88,6 +90,24 @@ pub fn narrowed(
     moved
 }
 
+/// `fit` with its bands where they are at the mean, and the covariance that is quoted.
+fn with_its_errors(
+    rows: &[EventRows<'_>],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> (ComposedFit, Option<Quoted>) {
+    let unwalked = Bands::none(fit);
+    let quoted = quoted::quoted(rows, &unwalked, options, cancel);
+    let staying = quoted.as_ref().map_or(&[][..], |quoted| &quoted.staying);
+    let walked = bands(rows, fit, staying, options, cancel);
+    if walked.places.is_empty() {
+        return (unwalked.fit, quoted);
+    }
+    let quoted = quoted::quoted(rows, &walked, options, cancel);
+    (walked.fit, quoted)
+}
+
 /// Whether the second fit, whose events may differ more, is for all of them together about as good as the first
 /// is: if not, it describes events with shares of their own and none with those that are published.
 pub(super) fn is_shared(
@@ -104,10 +124,10 @@ pub(super) fn is_shared(
     left(widened).is_some_and(|widened| widened <= most)
 }
 
-/// `fit` with its thresholds between two dips not free.
-fn held_between_dips(fit: &ComposedFit, quoted: Option<&Quoted>) -> ComposedFit {
+/// `fit` with the thresholds not free that stay where it has them.
+fn held(fit: &ComposedFit, quoted: Option<&Quoted>) -> ComposedFit {
     let mut held = fit.clone();
-    let places = quoted.map_or(&[][..], |quoted| &quoted.between_dips);
+    let places = quoted.map_or(&[][..], |quoted| &quoted.staying);
     for place in places.iter().rev() {
         held.free.remove(*place);
     }

@@ -11,7 +11,8 @@
 //!
 //! found by a few rounds from the derivative's (`S` noise and what varies from event to event, `P` the priors). A
 //! threshold that was put in the middle of an interval in which nothing changes keeps the variance of that interval,
-//! where the other parameters, free, do not widen it.
+//! where the other parameters, free, do not widen it. The beginning of a band is held, and the variance of where it
+//! may be added (`band`).
 //!
 //! Residuals are no independent samples: they last where the model or the voltage behind it errs. With the score of
 //! every half second `b` of every event,
@@ -30,6 +31,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::{
+    band::Bands,
     coordinates::Coordinates,
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions},
@@ -60,17 +62,20 @@ const PIECE_S: f64 = 0.5;
 pub(super) struct Quoted {
     /// Of the free parameters.
     pub(super) covariance: DMatrix<f64>,
-    /// Places among them of thresholds that lie between two dips, whatever the others are.
-    pub(super) between_dips: Vec<usize>,
+    /// Places among them, ascending, of thresholds that stay where they are: between two dips, whatever the others are, and
+    /// at the mean of where a band may begin.
+    pub(super) staying: Vec<usize>,
 }
 
-/// The covariance of a fit corrected by (1) and (2); `None` where it has none, or none can be found.
+/// The covariance of a fit corrected by (1) and (2), with what its bands leave open; `None` where it has none, or none can
+/// be found.
 pub(super) fn quoted(
     rows: &[EventRows<'_>],
-    fit: &ComposedFit,
+    bands: &Bands,
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<Quoted> {
+    let fit = &bands.fit;
     let stated = fit.covariance.as_ref()?;
     let coordinates = Coordinates::new(&fit.model, &fit.parameters, &fit.free);
     let mut search = Search {
@@ -80,6 +85,7 @@ pub(super) fn quoted(
         x: coordinates.unknowns(&fit.parameters),
         coordinates,
         events: Vec::new(),
+        held: &bands.places,
         cancel,
     };
     let deviations: Vec<f64> = (0..fit.free.len())
@@ -89,20 +95,28 @@ pub(super) fn quoted(
     let settings = search.settings(&deviations);
     let (curvature, inverse) = search.settle(&settings, &deviations)?;
     let mut factors = search.persistence(&inverse);
-    let mut between_dips = Vec::new();
+    let mut staying = bands.places.clone();
     for place in centred(fit) {
+        if staying.contains(&place) {
+            continue;
+        }
         if curvature[(place, place)] * inverse[(place, place)] < ALONE {
             factors[place] = deviations[place] * curvature[(place, place)].sqrt();
-            between_dips.push(place);
+            staying.push(place);
         }
     }
-    let scale = |place: usize| factors[place] * search.slopes[place];
+    staying.sort_unstable();
+    let open = bands
+        .spreads
+        .iter()
+        .fold(0.0 * &inverse, |sum, own| sum + own);
     let covariance = DMatrix::from_fn(stated.nrows(), stated.ncols(), |i, j| {
-        scale(i) * inverse[(i, j)] * scale(j)
+        let unknown = factors[i] * inverse[(i, j)] * factors[j] + open[(i, j)];
+        search.slopes[i] * unknown * search.slopes[j]
     });
     Some(Quoted {
         covariance,
-        between_dips,
+        staying,
     })
 }
 
@@ -141,6 +155,8 @@ struct Search<'a> {
     slopes: Vec<f64>,
     x: DVector<f64>,
     events: Vec<At>,
+    /// Places of unknowns that are held.
+    held: &'a [usize],
     cancel: &'a (dyn Fn() -> bool + Sync),
 }
 
@@ -152,7 +168,8 @@ impl Search<'_> {
         both.filter_map(|(place, (index, deviation))| {
             let parameter = &parameters[*index];
             let prior = &parameter.declaration.prior;
-            let determined = is_setting(parameter) && *deviation < OPEN * prior.deviation;
+            let free = !self.held.contains(&place);
+            let determined = free && is_setting(parameter) && *deviation < OPEN * prior.deviation;
             let (least, most) = match prior.scale {
                 Scale::Linear => (VOLTAGE_LEAST, VOLTAGE_MOST),
                 Scale::Logarithmic => (TIME_LEAST, TIME_MOST),
@@ -201,7 +218,7 @@ impl Search<'_> {
                 self.replace(setting.place, distance)?;
             }
             let curvature = self.curvature()?;
-            let inverse = curvature.clone().cholesky()?.inverse();
+            let inverse = self.inverse(&curvature)?;
             open.retain(|s| {
                 let [before, now] = [deviations[s.place], inverse[(s.place, s.place)].sqrt()]
                     .map(|distance| distance.clamp(s.least, s.most));
@@ -247,6 +264,21 @@ impl Search<'_> {
         Some(())
     }
 
+    /// The inverse of the curvature by all that is not held; zero by what is.
+    fn inverse(&self, curvature: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let mut others = curvature.clone();
+        for place in self.held {
+            others.row_mut(*place).fill(0.0);
+            others.column_mut(*place).fill(0.0);
+            others[(*place, *place)] = 1.0;
+        }
+        let mut inverse = others.cholesky()?.inverse();
+        for place in self.held {
+            inverse[(*place, *place)] = 0.0;
+        }
+        Some(inverse)
+    }
+
     fn curvature(&self) -> Option<DMatrix<f64>> {
         let grams = self.events.iter().map(|at| at.covariance.gram(&at.columns));
         let sum = grams.reduce(|sum, gram| sum + gram)?;
@@ -276,6 +308,7 @@ impl Search<'_> {
             scores += &sums * sums.transpose();
         }
         let spread = inverse * scores * inverse;
+        // What is held has no variance here: 0/0 is no ratio, and the greater is 1.
         let ratio = |i: usize| (spread[(i, i)] / inverse[(i, i)]).max(1.0).sqrt();
         (0..count).map(ratio).collect()
     }

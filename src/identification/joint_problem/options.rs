@@ -20,8 +20,6 @@ pub struct ProblemOptions {
     /// Standard deviation of a weak prior on the static coefficients around 0.2: it decides only
     /// what the data leave open. Default 1.
     pub static_prior_deviation: f64,
-    /// Whether the motor's power follows f/f0 (`frequency_scaled_power`). Default no.
-    pub frequency_scaled_power: bool,
 }
 
 impl Default for ProblemOptions {
@@ -32,7 +30,6 @@ impl Default for ProblemOptions {
             static_shares: None,
             composition_spread: [0.025, 0.02, 0.02, 0.02, 0.02],
             static_prior_deviation: 1.0,
-            frequency_scaled_power: false,
         }
     }
 }

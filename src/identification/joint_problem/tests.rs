@@ -100,23 +100,17 @@ fn bits(values: &[Option<f64>]) -> Vec<Option<u64>> {
 #[test]
 fn points_side_by_side_have_the_bits_of_each_alone_however_they_are_grouped() {
     let (events, points) = (events(), points());
-    for frequency_scaled_power in [false, true] {
-        let options = ProblemOptions {
-            frequency_scaled_power,
-            ..ProblemOptions::default()
-        };
-        let problem = JointProblem::new(&events, options, &|| false);
-        let alone: Vec<Option<f64>> = points.iter().map(|x| problem.value(x)).collect();
-        assert!(alone[3].is_none() && alone[20].is_none() && alone[21].is_none());
-        assert!(alone.iter().filter(|value| value.is_some()).count() > 20);
-        let counted = problem.simulations();
-        for group in [1, 3, 8, 37] {
-            let before = problem.simulations().0;
-            let together: Vec<Option<f64>> =
-                (points.chunks(group).flat_map(|some| problem.values(some))).collect();
-            assert_eq!(bits(&together), bits(&alone), "groups of {group}");
-            assert_eq!(problem.simulations(), (before + counted.0, 0));
-        }
+    let problem = JointProblem::new(&events, ProblemOptions::default(), &|| false);
+    let alone: Vec<Option<f64>> = points.iter().map(|x| problem.value(x)).collect();
+    assert!(alone[3].is_none() && alone[20].is_none() && alone[21].is_none());
+    assert!(alone.iter().filter(|value| value.is_some()).count() > 20);
+    let counted = problem.simulations();
+    for group in [1, 3, 8, 37] {
+        let before = problem.simulations().0;
+        let together: Vec<Option<f64>> =
+            (points.chunks(group).flat_map(|some| problem.values(some))).collect();
+        assert_eq!(bits(&together), bits(&alone), "groups of {group}");
+        assert_eq!(problem.simulations(), (before + counted.0, 0));
     }
 }
 
@@ -129,11 +123,11 @@ fn a_cancelled_problem_has_no_values() {
 }
 
 /// The Gram matrix as the sum over rows that it stands for.
-fn summed_by_rows(event: &PreparedEvent, x: &DVector<f64>, frequency_scaled: bool) -> Gram {
+fn summed_by_rows(event: &PreparedEvent, x: &DVector<f64>) -> Gram {
     let motor = dual_motor(x);
     let mut out = MotorOutput::default();
     motor.simulate(&event.input, &mut out).unwrap();
-    let change = motor_change(event, &out, reactive_at_rest(&motor), frequency_scaled);
+    let change = motor_change(event, &out, reactive_at_rest(&motor));
     let responses = event.chain.static_responses();
     let mut gram = Gram::zeros();
     for k in (0..event.len()).filter(|&k| event.used[k]) {
@@ -189,38 +183,36 @@ fn gram_matrices_are_the_sums_over_rows() {
     let x = point([3.4, 7.0, 0.4]);
     for event in &events() {
         assert!(!event.chain.filtered().is_empty());
-        for frequency_scaled in [false, true] {
-            let columns = EventColumns::new(event, frequency_scaled);
-            let expected = summed_by_rows(event, &x, frequency_scaled);
+        let columns = EventColumns::new(event);
+        let expected = summed_by_rows(event, &x);
 
-            let motor = dual_motor(&x);
-            let mut out = MotorOutput::default();
-            motor.simulate(&event.input, &mut out).unwrap();
-            let length = columns.series_length();
-            let column = |values: Vec<f64>| {
-                let filled = length - values.len();
-                values.into_iter().chain(std::iter::repeat_n(0.0, filled))
-            };
-            let part = |numbers: &[OuterSensitivities], i: usize| {
-                let of = |x: &OuterSensitivities| if i < OUTER { x.derivative(i) } else { x.value };
-                column(numbers.iter().map(of).collect())
-            };
-            let mut series: Vec<f64> = (0..=OUTER)
-                .flat_map(|i| part(&out.active, i).chain(part(&out.reactive, i)))
-                .collect();
-            let gram = columns.sensitivity_gram(&mut series, reactive_at_rest(&motor));
-            let error = difference(&gram, &expected, 0..COLUMNS);
-            assert!(error < 1e-12, "with sensitivities: {error:e}");
+        let motor = dual_motor(&x);
+        let mut out = MotorOutput::default();
+        motor.simulate(&event.input, &mut out).unwrap();
+        let length = columns.series_length();
+        let column = |values: Vec<f64>| {
+            let filled = length - values.len();
+            values.into_iter().chain(std::iter::repeat_n(0.0, filled))
+        };
+        let part = |numbers: &[OuterSensitivities], i: usize| {
+            let of = |x: &OuterSensitivities| if i < OUTER { x.derivative(i) } else { x.value };
+            column(numbers.iter().map(of).collect())
+        };
+        let mut series: Vec<f64> = (0..=OUTER)
+            .flat_map(|i| part(&out.active, i).chain(part(&out.reactive, i)))
+            .collect();
+        let gram = columns.sensitivity_gram(&mut series, reactive_at_rest(&motor));
+        let error = difference(&gram, &expected, 0..COLUMNS);
+        assert!(error < 1e-12, "with sensitivities: {error:e}");
 
-            let motor = motor_coordinates(&x);
-            let mut out = MotorOutput::default();
-            motor.simulate(&event.input, &mut out).unwrap();
-            let mut series: Vec<f64> = column(out.active).chain(column(out.reactive)).collect();
-            let plain = columns.plain_gram(&mut series, reactive_at_rest(&motor));
-            for i in OUTER..COLUMNS {
-                for j in OUTER..COLUMNS {
-                    assert_eq!(plain[(i, j)].to_bits(), gram[(i, j)].to_bits());
-                }
+        let motor = motor_coordinates(&x);
+        let mut out = MotorOutput::default();
+        motor.simulate(&event.input, &mut out).unwrap();
+        let mut series: Vec<f64> = column(out.active).chain(column(out.reactive)).collect();
+        let plain = columns.plain_gram(&mut series, reactive_at_rest(&motor));
+        for i in OUTER..COLUMNS {
+            for j in OUTER..COLUMNS {
+                assert_eq!(plain[(i, j)].to_bits(), gram[(i, j)].to_bits());
             }
         }
     }

@@ -123,6 +123,11 @@ impl Declared for DistributedGeneration {
         Some("span")
     }
 
+    fn band(&self) -> Option<[&'static str; 2]> {
+        // The switch of (5) picks up at this voltage, too.
+        None
+    }
+
     fn load_exponent(&self) -> Option<[&'static str; 2]> {
         Some(["share", "load_exponent"])
     }

@@ -29,9 +29,6 @@
 //! half a load of motors with a magnetising reactance of 2.5. Without it a static dependence, which has a
 //! coefficient for Q, follows such motors better than this effect does.
 //!
-//! The plain path of `identification` knows an effect under this name that scales active power only,
-//! with `c = 1` fixed.
-//!
 //! Source: (1) the stator of Kundur, "Power System Stability and Control", 7.2, with the frequency kept
 //! in the speed voltages; (2) kinematics. Checked on sites of another simulator, whose motors follow (1)
 //! with c about 1 and (2) with D between 0.5 and 1 (docs/validation.md), (3) on the truth generator's. Valid for slow changes of

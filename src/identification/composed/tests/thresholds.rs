@@ -9,9 +9,11 @@ use crate::{
     load_model::{Structure, composed::ComposedModel},
 };
 
-/// Dips to 0.85, 0.6 and 0.75, from one sample to the next.
-fn steep_dips() -> [PreparedEvent; 3] {
-    [0.85, 0.6, 0.75].map(|depth| {
+const DEPTHS: [f64; 3] = [0.85, 0.6, 0.75];
+
+/// Dips from one sample to the next.
+fn steep_dips(depths: [f64; 3]) -> [PreparedEvent; 3] {
+    depths.map(|depth| {
         let mut dip = window("dip", depth, 0.2);
         for (k, sample) in dip.record.samples.iter_mut().enumerate() {
             let inside = (61..73).contains(&k);
@@ -30,7 +32,7 @@ fn a_threshold_between_two_dips_stays_in_their_middle() {
     let mut parameters = truth.typical();
     // Far from the middle, which is at 0.675.
     parameters[voltage] = 0.73;
-    let events = drawn_by(&truth, &parameters, &steep_dips());
+    let events = drawn_by(&truth, &parameters, &steep_dips(DEPTHS));
     let free: Vec<usize> = (0..truth.parameters().len()).collect();
     let options = ComposedFitOptions::default();
     let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
@@ -44,6 +46,34 @@ fn a_threshold_between_two_dips_stays_in_their_middle() {
 }
 
 #[test]
+fn where_a_band_begins_is_known_as_well_as_fits_with_it_elsewhere_say() {
+    const EFFECT: &str = "electronic_load_dropout";
+    let truth = ComposedModel::new(&Structure::zip_im().with(EFFECT).unwrap());
+    let place = |name: &str| truth.index(&format!("{EFFECT}.{name}")).unwrap();
+    let voltage = place("first_voltage");
+    let mut parameters = truth.typical();
+    let own = [("share", 0.2), ("first_voltage", 0.72), ("span", 0.1)];
+    for (name, value) in own {
+        parameters[place(name)] = value;
+    }
+    // No dip within the band.
+    let events = drawn_by(&truth, &parameters, &steep_dips([0.85, 0.6, 0.55]));
+    let free: Vec<usize> = (0..truth.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
+    let wide = refine(&events, begun, EFFECT, &options, &|| false);
+    let narrow = narrowed(&events, &wide, &options, &|| false);
+    let (found, error) = (
+        narrow.parameters[voltage],
+        narrow.standard_error(voltage).unwrap(),
+    );
+    assert!((0.015..0.08).contains(&error), "{error}");
+    assert!((found - 0.72).abs() < 1.5 * error, "{found} within {error}");
+    // Its share goes with it: known no better than beside a band that is.
+    assert!(narrow.standard_error(place("span")).unwrap() > 0.5 * error);
+}
+
+#[test]
 fn what_is_added_later_leaves_no_threshold_at_an_end() {
     let structure = Structure::zip_im().with("self_disconnection").unwrap();
     let truth = ComposedModel::new(&structure.with("load_ramp").unwrap());
@@ -52,7 +82,7 @@ fn what_is_added_later_leaves_no_threshold_at_an_end() {
     parameters[truth.index("load_ramp.active_per_s").unwrap()] = -0.01;
     // Far from the middle, which is at 0.675.
     parameters[voltage] = 0.73;
-    let events = drawn_by(&truth, &parameters, &steep_dips());
+    let events = drawn_by(&truth, &parameters, &steep_dips(DEPTHS));
     let free: Vec<usize> = (0..truth.parameters().len()).collect();
     let options = ComposedFitOptions::default();
     let begun = fit(&events, &truth, &parameters, &free, &options, &|| false).unwrap();
