@@ -17,7 +17,8 @@ use crate::{
         wire::{DocumentError, v1::ComparisonsV1},
     },
     identification::{
-        Comparison, ErrorSummary, EventErrors, IdentificationError, ParameterSet, VerdictStatus,
+        Comparison, ErrorSummary, EventErrors, IdentificationError, Judgement, ParameterSet,
+        Verdict, VerdictStatus,
     },
 };
 
@@ -136,6 +137,8 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
     let page = report::render(&Report {
         set: first.set(),
         comparisons: &first.comparisons,
+        judgement: &first.judgement,
+        published: first.published(),
         rival: second.as_ref().map(Side::as_rival),
         search: first.search(),
         left_out: &left_out,
@@ -145,22 +148,25 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
         source,
     })?;
     if args.json {
-        let mut document = ComparisonsV1::new(first.set(), &first.comparisons)?;
+        let mut document = document(&first)?;
         if let Some(second) = &second {
-            let other = ComparisonsV1::new(second.set(), &second.comparisons)?;
-            document.against = Some(Box::new(other));
+            document.against = Some(Box::new(self::document(second)?));
         }
         serde_json::to_writer(&mut *out, &document)?;
         writeln!(out)?;
     } else {
-        print_table(first.set(), &first.comparisons, &left_out, out)?;
+        print_side(&first, &left_out, out)?;
         if let Some(second) = &second {
             writeln!(out, "\nheld against {}", second.label)?;
-            print_table(second.set(), &second.comparisons, &[], out)?;
+            print_side(second, &[], out)?;
         }
         writeln!(out, "report {}", args.report.display())?;
     }
     Ok(())
+}
+
+fn document(side: &Side) -> Result<ComparisonsV1, DocumentError> {
+    ComparisonsV1::new(side.set(), &side.comparisons, &side.judgement)
 }
 
 /// What to hold against the measurements, and what beside it.
@@ -202,9 +208,16 @@ fn left_out(events: &Events, side: &Side) -> Vec<(String, String)> {
         .collect()
 }
 
+fn print_side(side: &Side, left_out: &[(String, String)], out: &mut dyn Write) -> io::Result<()> {
+    let judgement = &side.judgement;
+    print_table(side.set(), &side.comparisons, judgement, left_out, out)?;
+    print_verdict(judgement, side.published(), out)
+}
+
 fn print_table(
     set: &ParameterSet,
     comparisons: &[Comparison],
+    judgement: &Judgement,
     left_out: &[(String, String)],
     out: &mut dyn Write,
 ) -> io::Result<()> {
@@ -231,8 +244,9 @@ fn print_table(
         print_row(&comparison.event, role, &comparison.errors, width, out)?;
     }
     for (label, summary) in [
-        ("fitted events", Some(&set.fit)),
-        ("held-out events", set.held_out.as_ref()),
+        ("fitted events", &judgement.fitted),
+        ("held-out events", &judgement.held_out),
+        ("other events", &judgement.others),
     ] {
         if let Some(summary) = summary {
             print_summary(label, summary, width, out)?;
@@ -241,7 +255,7 @@ fn print_table(
     for (event, reason) in left_out {
         writeln!(out, "left out: {event}: {reason}")?;
     }
-    print_verdict(set, out)
+    Ok(())
 }
 
 fn print_row(
@@ -288,17 +302,39 @@ fn print_summary(
     )
 }
 
-fn print_verdict(set: &ParameterSet, out: &mut dyn Write) -> io::Result<()> {
-    let words = match set.verdict.status {
+/// What these events show, and apart from it what the set was published with.
+fn print_verdict(
+    judgement: &Judgement,
+    published: Option<&Verdict>,
+    out: &mut dyn Write,
+) -> io::Result<()> {
+    for warning in &judgement.warnings {
+        writeln!(out, "warning: {warning}")?;
+    }
+    let words = if published.is_some() {
+        "verdict on these events"
+    } else {
+        "verdict"
+    };
+    for (words, verdict) in [
+        (words, Some(&judgement.verdict)),
+        ("as published", published),
+    ] {
+        let Some(verdict) = verdict else { continue };
+        writeln!(out, "{words}: {}", in_words(verdict.status))?;
+        for reason in &verdict.reasons {
+            writeln!(out, "  {reason}")?;
+        }
+    }
+    Ok(())
+}
+
+const fn in_words(status: VerdictStatus) -> &'static str {
+    match status {
         VerdictStatus::Pass => "pass",
         VerdictStatus::Fail => "fail",
         VerdictStatus::CannotJudge => "cannot judge",
-    };
-    writeln!(out, "verdict: {words}")?;
-    for reason in &set.verdict.reasons {
-        writeln!(out, "  {reason}")?;
     }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -332,7 +368,8 @@ mod tests {
         ];
         let left_out = [("event_04".to_owned(), "no power".to_owned())];
         let mut out = Vec::new();
-        print_table(&set, &comparisons, &left_out, &mut out).unwrap();
+        let judgement = fixture::judgement();
+        print_table(&set, &comparisons, &judgement, &left_out, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
         let lines: Vec<_> = text.lines().collect();
         let ends: Vec<_> = lines[1..7]
@@ -345,7 +382,39 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("left out: event_04: no power"));
-        assert!(text.contains("verdict: pass\n  held-out error 1.04"));
+        assert!(lines[6].starts_with("held-out events"), "{text}");
+    }
+
+    #[test]
+    fn a_set_of_another_site_is_judged_by_what_it_shows_here() {
+        let parent = tempfile::tempdir().unwrap();
+        let site = |index: usize| {
+            let folder = bundled::sites()[index].extract_to(parent.path()).unwrap();
+            folder.display().to_string()
+        };
+        let (own, other) = (site(0), site(1));
+        let report = parent.path().join("r.html").display().to_string();
+        let json = |words: &[&str]| {
+            let words = [words, &["--report", &report, "--json"]].concat();
+            let mut out = Vec::new();
+            run(&parsed(&words).unwrap(), &mut out).unwrap();
+            serde_json::from_slice::<serde_json::Value>(&out).unwrap()
+        };
+        let found = json(&[&own]);
+        let (set, here) = (&found["set"], &found["here"]);
+        assert_eq!(here["verdict"], set["verdict"]);
+        let file = parent.path().join("set.json").display().to_string();
+        fs::write(&file, set.to_string()).unwrap();
+        // On the events of its own fit it shows what it was published with.
+        let again = json(&[&own, "--parameters", &file]);
+        assert_eq!(again["here"]["verdict"]["status"], set["verdict"]["status"]);
+        assert_eq!(again["here"]["warnings"], serde_json::json!([]));
+        let elsewhere = json(&[&other, "--parameters", &file]);
+        let here = &elsewhere["here"];
+        assert_ne!(here["site"], elsewhere["set"]["site"]);
+        assert!(here["verdict"]["status"] != "pass", "{}", here["verdict"]);
+        let warned = here["warnings"][0].as_str().unwrap();
+        assert!(warned.contains("is one of site"), "{warned}");
     }
 
     #[test]

@@ -19,7 +19,7 @@ use super::{
     scan_comparison::ScanComparison,
     site_fit::{FittedSite, fit_site},
     solution::Ended,
-    validate::{Evidence, ValidationOptions, validate},
+    validate::{Evidence, ValidationOptions, largest_voltage_change, validate},
 };
 use crate::{
     disturbance::Window,
@@ -207,7 +207,7 @@ pub fn conclude(
     estimates.notes.extend(site_fit.best_only_note());
     let evidence = Evidence {
         model,
-        fitted: &fitted,
+        largest_change_fitted: largest_voltage_change(&fitted),
         held_out: &held,
         fit_errors: &fit_errors,
         held_out_errors: held_errors.as_ref(),
@@ -518,7 +518,7 @@ fn assemble(
 }
 
 /// The trend that a set was fitted with.
-fn trend_of(set: &ParameterSet) -> ReactiveTrend {
+pub(super) fn trend_of(set: &ParameterSet) -> ReactiveTrend {
     ReactiveTrend::from_values(|name| {
         let found = set.derived.iter().find(|d| d.name == name);
         found.map(|d| d.value)
@@ -526,7 +526,7 @@ fn trend_of(set: &ParameterSet) -> ReactiveTrend {
 }
 
 /// The model of a stored set, from its coordinates.
-fn model_of(set: &ParameterSet) -> Result<Box<dyn EventModel>, IdentificationError> {
+pub(super) fn model_of(set: &ParameterSet) -> Result<Box<dyn EventModel>, IdentificationError> {
     let coordinate = |name: &str| {
         let wanted = format!("coordinate_{name}");
         let found = set.derived.iter().find(|d| d.name == wanted);

@@ -16,6 +16,7 @@ pub mod hold_out;
 pub mod identify;
 pub mod intake;
 pub mod joint_problem;
+pub mod judgement;
 pub mod measurement_chain;
 pub mod paper_problem;
 pub mod parameter_set;
@@ -44,6 +45,7 @@ pub use identify::{
     Identification, IdentificationError, IdentificationOptions, Split, compare, compare_fitted,
     conclude, errors_on, identify, median_operating_point, prepare_all,
 };
+pub use judgement::{Judgement, judge};
 pub use measurement_chain::{LateReport, MeasurementChain};
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use phasor_filter::{FilterChoice, PhasorFilter};

@@ -74,9 +74,9 @@ impl Default for ValidationOptions {
 pub struct Evidence<'a> {
     /// The model.
     pub model: &'a dyn EventModel,
-    /// Events it was fitted on.
-    pub fitted: &'a [PreparedEvent],
-    /// Events it was not.
+    /// Largest change of the voltage in the events that it was fitted on, of V0.
+    pub largest_change_fitted: f64,
+    /// Events it was not fitted on.
     pub held_out: &'a [PreparedEvent],
     /// Errors on the fitted events.
     pub fit_errors: &'a ErrorSummary,
@@ -143,17 +143,20 @@ pub fn validate(
     })
 }
 
+/// Largest change of the voltage in `events`, of V0; 0 where there is none.
+#[must_use]
+pub fn largest_voltage_change(events: &[PreparedEvent]) -> f64 {
+    let changes = (events.iter()).map(|e| (1.0 - e.lowest_voltage).max(e.highest_voltage - 1.0));
+    changes.fold(0.0, f64::max)
+}
+
 fn objections_to_the_data(evidence: &Evidence<'_>, options: &ValidationOptions) -> Vec<String> {
     let mut reasons = Vec::new();
-    let deepest = evidence
-        .fitted
-        .iter()
-        .map(|e| (1.0 - e.lowest_voltage).max(e.highest_voltage - 1.0))
-        .fold(0.0, f64::max);
-    if deepest < options.depth_min {
+    let largest = evidence.largest_change_fitted;
+    if largest < options.depth_min {
         reasons.push(format!(
             "the largest voltage change fitted is {:.2} % of V0: too small to see a motor",
-            100.0 * deepest
+            100.0 * largest
         ));
     }
     if !evidence.motor_share_determined {

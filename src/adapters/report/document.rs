@@ -12,7 +12,8 @@ use super::{
     sentence, tables,
 };
 use crate::identification::{
-    Comparison, Cost, DirectionRecord, ParameterSet, Solution, Verdict, VerdictStatus,
+    Comparison, Cost, DirectionRecord, ErrorSummary, Judgement, ParameterSet, Solution, Verdict,
+    VerdictStatus,
 };
 
 /// Derived quantities so named are of interest to whoever examines the search.
@@ -26,6 +27,10 @@ pub struct Report<'a> {
     pub set: &'a ParameterSet,
     /// Its model against each event, in the order in which they shall appear.
     pub comparisons: &'a [Comparison],
+    /// What the set shows on these events.
+    pub judgement: &'a Judgement,
+    /// The verdict that the set brings along, where it was not made of these events.
+    pub published: Option<&'a Verdict>,
     /// Another set to hold against it.
     pub rival: Option<Rival<'a>>,
     /// What the search that led to the set left behind.
@@ -73,7 +78,7 @@ pub fn render(report: &Report<'_>) -> Result<String, ReportError> {
         (head(report))
         section {
             h2 { "Errors" }
-            (tables::errors(set, report.comparisons, report.rival.as_ref()))
+            (tables::errors(set, report.comparisons, report.judgement, report.rival.as_ref()))
             @if !report.left_out.is_empty() {
                 p { "Left out:" }
                 ul { @for (event, reason) in report.left_out { li { strong { (event) } ": " (reason) } } }
@@ -84,28 +89,32 @@ pub fn render(report: &Report<'_>) -> Result<String, ReportError> {
         (events(report)?)
         @if let Some(search) = &report.search { (search_section(search)) }
     };
-    let title = format!("Load model of {}: model against measurement", set.site);
+    let title = format!(
+        "Load model of {}: model against measurement",
+        report.judgement.site
+    );
     Ok(page::page(&title, &body, &set.software_version))
 }
 
 fn head(report: &Report<'_>) -> Markup {
-    let set = report.set;
+    let (set, judgement) = (report.set, report.judgement);
     html! {
         header {
             p.kicker { "Model against measurement" }
-            h1 { (set.site) }
+            h1 { (judgement.site) }
             p { "Structure: " strong { (set.structure.join(" + ")) } ". "
                 @if set.version > 0 { "Parameter set version " (set.version) ". " }
                 (set.fitted_events.len()) " events fitted, " (set.held_out_events.len()) " held out." }
-            (verdict(&set.verdict))
-            dl.tiles {
-                (tile("ε of P, fitted", &percent(Some(&set.fit), |s| s.eps_p_percent)))
-                (tile("ε of P, held out", &percent(set.held_out.as_ref(), |s| s.eps_p_percent)))
-                (tile("ε of Q, fitted", &percent(Some(&set.fit), |s| s.eps_q_percent)))
-                (tile("ε of Q, held out", &percent(set.held_out.as_ref(), |s| s.eps_q_percent)))
-                (tile("Residual over noise, fitted", &to_noise(Some(&set.fit))))
-                (tile("Residual over noise, held out", &to_noise(set.held_out.as_ref())))
+            @for warning in &judgement.warnings {
+                p { strong { "Warning: " (warning) "." } }
             }
+            (verdict(&judgement.verdict))
+            @if let Some(published) = report.published { (as_published(published)) }
+            dl.tiles { @for (role, summary) in roles(judgement) {
+                (tile(&format!("ε of P, {role}"), &percent(summary, |s| s.eps_p_percent)))
+                (tile(&format!("ε of Q, {role}"), &percent(summary, |s| s.eps_q_percent)))
+                (tile(&format!("Residual over noise, {role}"), &to_noise(summary)))
+            } }
             p.bases {
                 "Bases " (short(set.bases.s_base_mva)) " MVA, " (short(set.bases.v_base_kv))
                 " kV, " (short(set.bases.nominal_hz)) " Hz. Operating point V₀ "
@@ -121,6 +130,29 @@ fn head(report: &Report<'_>) -> Markup {
             }
         }
     }
+}
+
+/// What these events show, by the part that they played for the set; others only where there are some.
+fn roles(judgement: &Judgement) -> Vec<(&'static str, Option<&ErrorSummary>)> {
+    let mut roles = vec![
+        ("fitted", judgement.fitted.as_ref()),
+        ("held out", judgement.held_out.as_ref()),
+    ];
+    if judgement.others.is_some() {
+        roles.push(("other events", judgement.others.as_ref()));
+    }
+    roles
+}
+
+fn as_published(verdict: &Verdict) -> Markup {
+    let words = match verdict.status {
+        VerdictStatus::Pass => "pass",
+        VerdictStatus::Fail => "fail",
+        VerdictStatus::CannotJudge => "cannot judge",
+    };
+    html! { p.bases { "As published: " (words) "." } ul.bases {
+        @for reason in &verdict.reasons { li { (reason) } }
+    } }
 }
 
 fn verdict(verdict: &Verdict) -> Markup {
@@ -312,6 +344,8 @@ mod tests {
         render(&Report {
             set: &fixture::parameter_set(),
             comparisons: &comparisons(),
+            judgement: &fixture::judgement(),
+            published: None,
             rival: None,
             search: None,
             left_out: &[],
@@ -382,12 +416,49 @@ mod tests {
     }
 
     #[test]
+    fn what_is_shown_here_is_told_from_what_was_published() {
+        let set = fixture::parameter_set();
+        let judgement = Judgement {
+            site: "site-09".to_owned(),
+            fitted: None,
+            held_out: None,
+            others: Some(ErrorSummary {
+                error_to_noise: 8.25,
+                ..ErrorSummary::default()
+            }),
+            verdict: Verdict {
+                status: VerdictStatus::Fail,
+                reasons: vec!["far off".to_owned()],
+                channels: Vec::new(),
+            },
+            warnings: vec!["the set is one of another site".to_owned()],
+        };
+        let page = render(&Report {
+            set: &set,
+            comparisons: &comparisons(),
+            judgement: &judgement,
+            published: Some(&set.verdict),
+            rival: None,
+            search: None,
+            left_out: &[],
+        })
+        .unwrap();
+        assert!(page.contains("Not proven") && !page.contains("Proven: the model"));
+        assert!(page.contains("As published: pass.") && page.contains("held-out error 1.04"));
+        assert!(page.contains("Warning: the set is one of another site."));
+        assert!(page.contains("All other events") && page.contains("8.25"));
+        assert!(page.contains("<h1>site-09</h1>"));
+    }
+
+    #[test]
     fn a_rival_appears_in_every_table_and_every_event_it_knows() {
         let set = fixture::parameter_set();
         let comparisons = comparisons();
         let page = render(&Report {
             set: &set,
             comparisons: &comparisons,
+            judgement: &fixture::judgement(),
+            published: None,
             rival: Some(Rival {
                 label: "before",
                 set: &set,

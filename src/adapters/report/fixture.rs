@@ -2,8 +2,8 @@
 //! rectangular dip, and a model that misses a little of it.
 
 use crate::identification::{
-    Bases, Comparison, ErrorSummary, EventErrors, OperatingPoint, ParameterEstimate, ParameterSet,
-    Verdict, VerdictStatus,
+    Bases, Comparison, ErrorSummary, EventErrors, Judgement, OperatingPoint, ParameterEstimate,
+    ParameterSet, Verdict, VerdictStatus,
 };
 
 const RATE_FPS: f64 = 60.0;
@@ -147,6 +147,19 @@ pub(crate) fn parameter_set() -> ParameterSet {
         inflation: Vec::new(),
         notes: Vec::new(),
         software_version: "0.1.0".to_owned(),
+    }
+}
+
+/// What [`parameter_set`] shows on the events of its own fit.
+pub(crate) fn judgement() -> Judgement {
+    let set = parameter_set();
+    Judgement {
+        site: set.site,
+        fitted: Some(set.fit),
+        held_out: set.held_out,
+        others: None,
+        verdict: set.verdict,
+        warnings: Vec::new(),
     }
 }
 

@@ -10,8 +10,8 @@ use super::{
     overview::VoltageBin,
 };
 use crate::identification::{
-    Comparison, DirectionOutcome, ErrorSummary, EventErrors, ParameterEstimate, ParameterSet,
-    Verdict,
+    Comparison, DirectionOutcome, ErrorSummary, EventErrors, Judgement, ParameterEstimate,
+    ParameterSet, Verdict,
 };
 
 /// Rows of the table behind an event's figure.
@@ -92,12 +92,18 @@ fn remarks(estimate: &ParameterEstimate) -> Markup {
     }
 }
 
-/// Errors event by event, then fitted and held out together.
+/// Errors event by event, then together by the part that the events played for the set.
 pub(super) fn errors(
     set: &ParameterSet,
     comparisons: &[Comparison],
+    judgement: &Judgement,
     rival: Option<&Rival<'_>>,
 ) -> Markup {
+    let summaries = [
+        ("All fitted events", &judgement.fitted),
+        ("All held-out events", &judgement.held_out),
+        ("All other events", &judgement.others),
+    ];
     let table = html! {
         table {
             caption { "Errors of every event. Skill above 0: better than the best static ZIP, or than a \
@@ -138,9 +144,8 @@ pub(super) fn errors(
                 } }
             }
             tfoot {
-                (summary_row("All fitted events", &set.fit, rival.is_some()))
-                @if let Some(held_out) = &set.held_out {
-                    (summary_row("All held-out events", held_out, rival.is_some()))
+                @for (label, summary) in summaries {
+                    @if let Some(summary) = summary { (summary_row(label, summary, rival.is_some())) }
                 }
             }
         }

@@ -14,7 +14,8 @@ use crate::{
     },
     commands::fitting::{self, Events, FitArgs},
     identification::{
-        self, Comparison, Identification, IdentificationError, IdentificationOptions, ParameterSet,
+        self, Comparison, Identification, IdentificationError, IdentificationOptions, Judgement,
+        ParameterSet, Verdict,
     },
 };
 
@@ -34,6 +35,8 @@ pub(super) struct Side {
     pub(super) label: String,
     source: Source,
     pub(super) comparisons: Vec<Comparison>,
+    /// What it shows on these events.
+    pub(super) judgement: Judgement,
 }
 
 /// Where the parameters come from.
@@ -104,15 +107,34 @@ impl Side {
             }
         };
         let comparisons = compare(source.set(), events, options)?;
+        let judged =
+            identification::judge(source.set(), &events.site.name, &events.usable, options)?;
+        let judgement = match &source {
+            Source::Given(_) => judged,
+            // Of these very events, without those that neither list names.
+            Source::Fit(found) => Judgement {
+                verdict: found.set.verdict.clone(),
+                ..judged
+            },
+        };
         Ok(Self {
             label: asked.label(),
             source,
             comparisons,
+            judgement,
         })
     }
 
     pub(super) fn set(&self) -> &ParameterSet {
         self.source.set()
+    }
+
+    /// The verdict that a given set brings along.
+    pub(super) fn published(&self) -> Option<&Verdict> {
+        match &self.source {
+            Source::Given(set) => Some(&set.verdict),
+            Source::Fit(_) => None,
+        }
     }
 
     pub(super) fn search(&self) -> Option<Search<'_>> {

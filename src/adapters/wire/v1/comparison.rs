@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use super::{EventErrorsV1, ParameterSetV1, VERSION, json::rfc3339};
+use super::{ErrorSummaryV1, EventErrorsV1, ParameterSetV1, VERSION, VerdictV1, json::rfc3339};
 use crate::{
     adapters::wire::DocumentError,
-    identification::{Comparison, ParameterSet},
+    identification::{Comparison, ErrorSummary, Judgement, ParameterSet},
 };
 
 /// All events of a comparison and the set they were compared with.
@@ -17,11 +17,31 @@ pub struct ComparisonsV1 {
     pub site: String,
     /// The set.
     pub set: ParameterSetV1,
+    /// What the set shows on these events.
+    pub here: JudgementV1,
     /// Event by event.
     pub events: Vec<ComparisonV1>,
     /// Another set on the same events, where one was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub against: Option<Box<Self>>,
+}
+
+/// Counterpart of [`Judgement`]. A summary is null where there is no such event.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JudgementV1 {
+    /// Site of the events.
+    pub site: String,
+    /// As [`Judgement::fitted`].
+    pub fitted: Option<ErrorSummaryV1>,
+    /// As [`Judgement::held_out`].
+    pub held_out: Option<ErrorSummaryV1>,
+    /// As [`Judgement::others`].
+    pub others: Option<ErrorSummaryV1>,
+    /// The verdict on all events that the set was not fitted to; `set.verdict` is the one it was
+    /// published with.
+    pub verdict: VerdictV1,
+    /// Why the set may not belong to these events.
+    pub warnings: Vec<String>,
 }
 
 /// Counterpart of [`Comparison`]. A value that is missing is null.
@@ -63,14 +83,33 @@ impl ComparisonsV1 {
     /// # Errors
     ///
     /// [`DocumentError::Malformed`]; no set of the domain is known that causes it.
-    pub fn new(set: &ParameterSet, comparisons: &[Comparison]) -> Result<Self, DocumentError> {
+    pub fn new(
+        set: &ParameterSet,
+        comparisons: &[Comparison],
+        judgement: &Judgement,
+    ) -> Result<Self, DocumentError> {
         Ok(Self {
             v: VERSION,
             site: set.site.clone(),
             set: ParameterSetV1::new(set)?,
+            here: judgement.into(),
             events: comparisons.iter().map(ComparisonV1::from).collect(),
             against: None,
         })
+    }
+}
+
+impl From<&Judgement> for JudgementV1 {
+    fn from(judgement: &Judgement) -> Self {
+        let summary = |of: &Option<ErrorSummary>| of.as_ref().map(ErrorSummaryV1::from);
+        Self {
+            site: judgement.site.clone(),
+            fitted: summary(&judgement.fitted),
+            held_out: summary(&judgement.held_out),
+            others: summary(&judgement.others),
+            verdict: (&judgement.verdict).into(),
+            warnings: judgement.warnings.clone(),
+        }
     }
 }
 
@@ -103,7 +142,8 @@ mod tests {
     #[test]
     fn a_missing_value_becomes_null() {
         let comparison = examples::comparison();
-        let document = ComparisonsV1::new(&examples::parameter_set(), &[comparison]).unwrap();
+        let (set, judgement) = (examples::parameter_set(), examples::judgement());
+        let document = ComparisonsV1::new(&set, &[comparison], &judgement).unwrap();
         let value = serde_json::to_value(&document).unwrap();
         assert_eq!(value["events"][0]["voltage_pu"][1], serde_json::Value::Null);
         assert_eq!(value["events"][0]["active_model_pu"][1], 0.5);

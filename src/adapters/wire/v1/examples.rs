@@ -9,7 +9,7 @@ use crate::{
     disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
     identification::{
         Bases, ChannelVerdict, Comparison, Cost, DirectionOutcome, DirectionRecord, ErrorSummary,
-        EventErrors, FittedStructure, Identification, OperatingPoint, ParameterEstimate,
+        EventErrors, FittedStructure, Identification, Judgement, OperatingPoint, ParameterEstimate,
         ParameterSet, Solution, Verdict, VerdictStatus,
         scan_comparison::{ScanComparison, ScanMinimum},
         solution::Ended,
@@ -225,6 +225,19 @@ pub(in crate::adapters) fn identification() -> Identification {
     }
 }
 
+/// What [`parameter_set`] shows where only what was held out is at hand.
+pub(in crate::adapters) fn judgement() -> Judgement {
+    let set = parameter_set();
+    Judgement {
+        site: set.site,
+        fitted: None,
+        held_out: set.held_out,
+        others: None,
+        verdict: set.verdict,
+        warnings: Vec::new(),
+    }
+}
+
 pub(in crate::adapters) fn comparison() -> Comparison {
     Comparison {
         event: "a".to_owned(),
@@ -415,7 +428,8 @@ mod documents {
     use std::{env, fs, path::Path};
 
     use super::{
-        batch, comparison, diagnosis, identification, improvement, parameter_set, screening, window,
+        batch, comparison, diagnosis, identification, improvement, judgement, parameter_set,
+        screening, window,
     };
     use crate::{
         adapters::wire::v1::{
@@ -443,7 +457,7 @@ mod documents {
         };
         let window = window("site-01-1770873060500000000");
         let event = EventSummaryV1::new(&window, Some(&screening()));
-        let comparisons = ComparisonsV1::new(&set, &[comparison()]).unwrap();
+        let comparisons = ComparisonsV1::new(&set, &[comparison()], &judgement()).unwrap();
         vec![
             ("batch.json", encode_batch_json(&batch(), 60.0).unwrap()),
             ("batch.cbor", encode_batch_cbor(&batch(), 60.0).unwrap()),

@@ -30,7 +30,7 @@ pub use batch::{BatchLimits, decode_batch};
 pub use batch_cbor::encode_batch_cbor;
 pub use batch_error::BatchError;
 pub use batch_json::encode_batch_json;
-pub use comparison::{ComparisonV1, ComparisonsV1};
+pub use comparison::{ComparisonV1, ComparisonsV1, JudgementV1};
 pub use decision::{DecisionV1, EvidenceV1};
 pub use diagnosis::{
     CandidateV1, DiagnosisCostV1, DiagnosisV1, EventSetsV1, FittedStructureV1, GeneralFormV1,
