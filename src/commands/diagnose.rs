@@ -73,6 +73,7 @@ fn print(found: &Diagnosis, out: &mut dyn Write) -> std::io::Result<()> {
     diagnosing::print_answer(found, out)?;
     diagnosing::print_events(found, out)?;
     diagnosing::print_errors(&found.baseline, found.noise_floor, out)?;
+    diagnosing::print_origin_of_errors(&found.events, out)?;
     diagnosing::print_failures(found, out)?;
     diagnosing::print_candidates(found, out)?;
     diagnosing::print_limits(found, out)?;

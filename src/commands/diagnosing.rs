@@ -17,8 +17,8 @@ use crate::{
         wire::DocumentError,
     },
     diagnosis::{
-        Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSplit, GeneralForm,
-        Progress, Segment, Status, StructureErrors, Unexplained, Untestable,
+        Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSets, EventSplit,
+        GeneralForm, Progress, Segment, Status, StructureErrors, Unexplained, Untestable,
     },
     identification::{ErrorSummary, IdentificationError},
     load_model::effect::Kind,
@@ -248,6 +248,22 @@ pub(super) fn print_events(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Re
         writeln!(out, "not used {event}: {reason}")?;
     }
     Ok(())
+}
+
+/// Which fit the errors on sets of events come from; nothing where there is no gate.
+pub(super) fn print_origin_of_errors(events: &EventSets, out: &mut dyn Write) -> io::Result<()> {
+    if events.gate.is_empty() {
+        return Ok(());
+    }
+    let untouched = if events.untouched.is_empty() {
+        ""
+    } else {
+        "; untouched: of the fit to both"
+    };
+    writeln!(
+        out,
+        "fitted and gate: of a fit without the gate's events{untouched}"
+    )
 }
 
 /// Errors of a structure on the three sets of events.

@@ -122,9 +122,11 @@ fn print_staircase(done: &Improvement, out: &mut dyn Write) -> io::Result<()> {
         .unwrap_or(0)
         .max(5);
     let scale = Scale::new(done);
+    let last = done.steps.last();
+    let set = last.map_or("fitted", |step| step.errors.quoted_set());
     writeln!(
         out,
-        "\n{:width$}  {:>7} {:>7} {:>9} {:>10} {:>9}  error over noise, logarithmic; | a perfect model",
+        "\n{:width$}  {:>7} {:>7} {:>9} {:>10} {:>9}  error over noise, {set}, logarithmic; | a perfect model",
         "step", "fitted", "gate", "untouched", "parameters", "delta BIC"
     )?;
     let number = |summary: Option<&ErrorSummary>| {
@@ -143,6 +145,7 @@ fn print_staircase(done: &Improvement, out: &mut dyn Write) -> io::Result<()> {
             scale.bar(quoted(step))
         )?;
     }
+    diagnosing::print_origin_of_errors(&done.last.events, out)?;
     print_reasons(done, out)
 }
 

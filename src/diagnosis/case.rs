@@ -9,7 +9,8 @@ use super::{
 use crate::{
     disturbance::Window,
     identification::{
-        AlignedFit, ErrorSummary, FittedSite, Identification, IdentificationError, ReactiveTrend,
+        AlignedFit, ErrorSummary, FittedSite, FittedStructure, Identification, IdentificationError,
+        ReactiveTrend,
         composed::{self, Baseline, ComposedFit, ComposedLoad},
         conclude,
         edge_timing::align,
@@ -350,6 +351,14 @@ impl<'a> Case<'a> {
             gate: self.errors_of(&model, &self.part(true))?,
             untouched,
         })
+    }
+
+    /// Error over noise on the untouched events; `None` where there are none or the model has no response in one.
+    pub(super) fn error_on_untouched(&self, fit: &ComposedFit) -> Option<f64> {
+        let fit = self.narrowed(fit);
+        let structure = Structure::parse(&FittedStructure::of(&fit, &self.trend).structure).ok()?;
+        let summary = self.errors_of(&load(&structure, &fit), &self.untouched);
+        Some(summary.ok()??.error_to_noise)
     }
 
     /// Errors of a model on events; `None` without events.

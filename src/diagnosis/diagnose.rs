@@ -4,6 +4,7 @@ use super::{
     addable::hidden_by_rate,
     anew::with_settled_events,
     case::{Case, Watcher},
+    convincing::convincing,
     evidence::objections,
     in_the_way::WithoutIt,
     options::{DiagnosisOptions, Progress},
@@ -129,16 +130,19 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
     } else {
         None
     };
+    let baseline = case.errors(structure, fit)?;
     Ok(Diagnosis {
         site: case.site.name.clone(),
         structure: structure.names(),
         status: round.decision.status,
         summary: summary(round, &answer_set),
-        reasons: (round.decision.reasons.iter().cloned())
+        reasons: convincing(case, round, &baseline)
+            .into_iter()
+            .chain(round.decision.reasons.iter().cloned())
             .chain(case.changes.told())
             .collect(),
         events: case.events(),
-        baseline: case.errors(structure, fit)?,
+        baseline,
         noise_floor: ERROR_TO_NOISE_FLOOR,
         segments: pooled(&failures),
         failures,

@@ -4,6 +4,7 @@ use super::{
     addable::addable,
     anew::{Stop, with_settled_events},
     case::{Case, Watcher},
+    convincing::over_all,
     diagnose::report,
     in_the_way::WithoutIt,
     options::{DiagnosisOptions, Progress},
@@ -76,10 +77,13 @@ pub fn improve(
             Change::UntilAdequate => stairs.climb()?,
             Change::ByHand { add, remove } => stairs.change(add, remove)?,
         }
-        let last = match stairs.last.take() {
+        let mut last = match stairs.last.take() {
             Some(last) => last,
             None => stairs.diagnosis()?,
         };
+        if let Some(told) = over_all(&stairs.steps) {
+            last.reasons.insert(0, told);
+        }
         Ok(Improvement {
             site: site.name.clone(),
             steps: stairs.steps,

@@ -68,6 +68,16 @@ impl StructureErrors {
         held_out.unwrap_or(&self.fit)
     }
 
+    /// Name of the set that [`Self::quoted`] comes from.
+    #[must_use]
+    pub const fn quoted_set(&self) -> &'static str {
+        match (&self.untouched, &self.gate) {
+            (Some(_), _) => "untouched",
+            (None, Some(_)) => "gate",
+            (None, None) => "fitted",
+        }
+    }
+
     /// Error over noise on the fitted and gating events together, each set counting by its events.
     pub(super) fn judged_error_to_noise(&self) -> f64 {
         let sets = || std::iter::once(&self.fit).chain(&self.gate);

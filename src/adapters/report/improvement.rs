@@ -94,7 +94,10 @@ fn steps(improvement: &Improvement) -> Result<Markup, ReportError> {
             figure {
                 figcaption {
                     p { "Structure after structure. An added effect is right when the error falls on events that \
-                         the fit has not seen, and the model is complete when it reaches the noise floor." }
+                         the fit has not seen, and the model is complete when it reaches the noise floor."
+                        @if !improvement.last.events.gate.is_empty() {
+                            " Fitted and gate: of fits without the gate's events."
+                        } }
                     ul.legend {
                         (legend("dot", Ink::Measured, "fitted"))
                         (legend("ring", Ink::Rival, "gate"))

@@ -121,5 +121,9 @@ fn description(steps: &[ImprovementStep]) -> String {
             format!("step {k}, {}: {error:.2}", step_in_words(step, k == 0))
         })
         .collect();
-    format!("Error over noise after every step: {}.", each.join("; "))
+    let set = (steps.last()).map_or("fitted", |step| step.errors.quoted_set());
+    format!(
+        "Error over noise after every step, {set} events: {}.",
+        each.join("; ")
+    )
 }
