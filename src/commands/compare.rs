@@ -9,7 +9,11 @@ use std::{
 };
 
 use self::side::{Asked, Side};
-use super::fitting::{self, Events, FitArgs, SourceArgs, SourceError};
+use super::{
+    fitting::{self, Events, FitArgs, SourceArgs, SourceError},
+    misuse::{self, MayBeMisuse, Misuse, names_no_event},
+    target,
+};
 use crate::{
     adapters::{
         report::{self, Report, ReportError},
@@ -58,6 +62,9 @@ pub struct CompareArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompareError {
+    /// The command was used wrongly.
+    #[error(transparent)]
+    Misuse(#[from] Misuse),
     /// The events.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -79,7 +86,7 @@ pub enum CompareError {
         version: u64,
     },
     /// A parameter file cannot be read.
-    #[error("cannot read parameters from {}", .path.display())]
+    #[error("cannot read parameters from {}: {source}", .path.display())]
     ReadParameters {
         /// The file.
         path: PathBuf,
@@ -101,7 +108,7 @@ pub enum CompareError {
     #[error(transparent)]
     Report(#[from] ReportError),
     /// The page could not be written.
-    #[error("cannot write the report to {}", .path.display())]
+    #[error("cannot write the report to {}: {source}", .path.display())]
     WriteReport {
         /// The file.
         path: PathBuf,
@@ -112,22 +119,44 @@ pub enum CompareError {
     #[error(transparent)]
     Document(#[from] DocumentError),
     /// The JSON document could not be written.
-    #[error("cannot write the result as JSON")]
+    #[error("cannot write the result as JSON: {0}")]
     Json(#[from] serde_json::Error),
     /// The terminal or pipe.
-    #[error("cannot write the result")]
+    #[error("cannot write the result: {0}")]
     Output(#[from] io::Error),
 }
 
-/// Compares, writes the report, prints table or JSON.
+impl MayBeMisuse for CompareError {
+    fn is_misuse(&self) -> bool {
+        match self {
+            Self::Misuse(_) => true,
+            Self::TooMany { .. } => true,
+            Self::Identification(error) => names_no_event(error),
+            _ => false,
+        }
+    }
+}
+
+/// Compares, prints table or JSON, writes the report.
 ///
 /// # Errors
 ///
 /// See [`CompareError`].
 pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> {
+    args.fit.check()?;
+    let (first, second) = asked(args)?;
+    for asked in [Some(&first), second.as_ref()].into_iter().flatten() {
+        if let Asked::Structure(parts) = asked {
+            misuse::no_impossible_change(&fitting::parts_of(parts), &[], &[])?;
+        }
+    }
+    let report_error = |source| CompareError::WriteReport {
+        path: args.report.clone(),
+        source,
+    };
+    target::can_be_written(&args.report).map_err(report_error)?;
     let events = fitting::events(&args.source)?;
     let options = args.fit.options();
-    let (first, second) = asked(args)?;
     let store = args.source.store.as_deref();
     let site = args.source.site.to_string_lossy();
     let side = |asked: &Asked| Side::new(asked, (store, &site), &args.fit, &events, &options);
@@ -143,10 +172,6 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
         search: first.search(),
         left_out: &left_out,
     })?;
-    fs::write(&args.report, page).map_err(|source| CompareError::WriteReport {
-        path: args.report.clone(),
-        source,
-    })?;
     if args.json {
         let mut document = document(&first)?;
         if let Some(second) = &second {
@@ -160,6 +185,9 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
             writeln!(out, "\nheld against {}", second.label)?;
             print_side(second, &[], out)?;
         }
+    }
+    fs::write(&args.report, page).map_err(report_error)?;
+    if !args.json {
         writeln!(out, "report {}", args.report.display())?;
     }
     Ok(())

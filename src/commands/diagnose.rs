@@ -33,6 +33,7 @@ pub struct DiagnoseArgs {
 )]
 pub fn run(args: &DiagnoseArgs, out: &mut dyn Write) -> Result<(), DiagnosingError> {
     let args = &args.common;
+    args.check(&[], &[])?;
     let events = fitting::events(&args.source)?;
     let options = args.options(&events)?;
     let bar = diagnosing::bar();
@@ -49,18 +50,20 @@ pub fn run(args: &DiagnoseArgs, out: &mut dyn Write) -> Result<(), DiagnosingErr
     let mut found = found?;
     found.cost.seconds = begun.elapsed().as_secs_f64();
     diagnosing::with_screened(&mut found, &events);
-    args.write_report(|| report::render_diagnosis(&found, env!("CARGO_PKG_VERSION")))?;
-    args.write_figures(|| report::diagnosis_figures(&found))?;
     if args.json {
         // Nothing stored: a diagnosis of the command line has no version.
         writeln!(out, "{}", DiagnosisV1::new(&found, 0).to_json()?)?;
-        return Ok(());
+    } else {
+        for note in &events.notes {
+            writeln!(out, "note: {note}")?;
+        }
+        print(&found, out)?;
     }
-    for note in &events.notes {
-        writeln!(out, "note: {note}")?;
-    }
-    print(&found, out)?;
-    Ok(diagnosing::print_report(args.report.as_deref(), out)?)
+    args.write_report(
+        || report::render_diagnosis(&found, env!("CARGO_PKG_VERSION")),
+        out,
+    )?;
+    args.write_figures(|| report::diagnosis_figures(&found))
 }
 
 fn print(found: &Diagnosis, out: &mut dyn Write) -> std::io::Result<()> {

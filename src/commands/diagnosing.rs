@@ -10,7 +10,11 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::fitting::{Events, SourceArgs, SourceError};
+use super::{
+    fitting::{self, Events, SourceArgs, SourceError},
+    misuse::{self, MayBeMisuse, Misuse, names_no_event},
+    target,
+};
 use crate::{
     adapters::{
         report::{NamedFigure, ReportError},
@@ -55,25 +59,20 @@ pub struct DiagnosisArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DiagnosingError {
+    /// The command was used wrongly.
+    #[error(transparent)]
+    Misuse(#[from] Misuse),
     /// The events.
     #[error(transparent)]
     Source(#[from] SourceError),
     /// The fit.
     #[error(transparent)]
     Identification(#[from] IdentificationError),
-    /// An effect that shall be removed is not there.
-    #[error("`{effect}` cannot be removed: the structure is {structure}")]
-    NotInStructure {
-        /// The effect.
-        effect: String,
-        /// The structure.
-        structure: String,
-    },
     /// The page could not be drawn.
     #[error(transparent)]
     Report(#[from] ReportError),
     /// The page could not be written.
-    #[error("cannot write the report to {}", .path.display())]
+    #[error("cannot write the report to {}: {source}", .path.display())]
     WriteReport {
         /// The file.
         path: PathBuf,
@@ -81,7 +80,7 @@ pub enum DiagnosingError {
         source: io::Error,
     },
     /// A figure could not be written.
-    #[error("cannot write the figure {}", .path.display())]
+    #[error("cannot write the figure {}: {source}", .path.display())]
     WriteFigure {
         /// The file or directory.
         path: PathBuf,
@@ -92,17 +91,47 @@ pub enum DiagnosingError {
     #[error(transparent)]
     Document(#[from] DocumentError),
     /// The terminal or pipe.
-    #[error("cannot write the result")]
+    #[error("cannot write the result: {0}")]
     Output(#[from] io::Error),
 }
 
+impl MayBeMisuse for DiagnosingError {
+    fn is_misuse(&self) -> bool {
+        match self {
+            Self::Misuse(_) => true,
+            Self::Identification(error) => names_no_event(error),
+            _ => false,
+        }
+    }
+}
+
 impl DiagnosisArgs {
+    /// Refuses what cannot be and targets that cannot be written, before anything is read.
+    ///
+    /// # Errors
+    ///
+    /// [`DiagnosingError::Misuse`], [`DiagnosingError::WriteReport`], [`DiagnosingError::WriteFigure`].
+    pub(super) fn check(&self, add: &[String], remove: &[String]) -> Result<(), DiagnosingError> {
+        misuse::no_event_twice(&self.train, &self.hold_out)?;
+        misuse::no_impossible_change(&self.parts(), add, remove)?;
+        if let Some(path) = &self.report {
+            target::can_be_written(path).map_err(|source| DiagnosingError::WriteReport {
+                path: path.clone(),
+                source,
+            })?;
+        }
+        if let Some(path) = &self.svg {
+            target::can_take_files(path).map_err(|source| DiagnosingError::WriteFigure {
+                path: path.clone(),
+                source,
+            })?;
+        }
+        Ok(())
+    }
+
     /// The parts of the model by name.
     pub(super) fn parts(&self) -> Vec<String> {
-        self.structure
-            .split('+')
-            .map(|part| part.trim().to_owned())
-            .collect()
+        fitting::parts_of(&self.structure)
     }
 
     /// The settings these options stand for.
@@ -142,14 +171,15 @@ impl DiagnosisArgs {
         })
     }
 
-    /// Writes the page where one was asked for.
+    /// Writes the page where one was asked for, and says where it went where that is no JSON.
     ///
     /// # Errors
     ///
-    /// [`DiagnosingError::Report`], [`DiagnosingError::WriteReport`].
+    /// [`DiagnosingError::Report`], [`DiagnosingError::WriteReport`], [`DiagnosingError::Output`].
     pub(super) fn write_report(
         &self,
         page: impl FnOnce() -> Result<String, ReportError>,
+        out: &mut dyn Write,
     ) -> Result<(), DiagnosingError> {
         let Some(path) = &self.report else {
             return Ok(());
@@ -157,7 +187,11 @@ impl DiagnosisArgs {
         fs::write(path, page()?).map_err(|source| DiagnosingError::WriteReport {
             path: path.clone(),
             source,
-        })
+        })?;
+        if !self.json {
+            writeln!(out, "report {}", path.display())?;
+        }
+        Ok(())
     }
 }
 
@@ -185,11 +219,6 @@ impl DiagnosisArgs {
         }
         Ok(())
     }
-}
-
-/// Where the page went.
-pub(super) fn print_report(path: Option<&Path>, out: &mut dyn Write) -> io::Result<()> {
-    path.map_or(Ok(()), |path| writeln!(out, "report {}", path.display()))
 }
 
 /// A bar on stderr; nothing where that is no terminal.

@@ -8,7 +8,7 @@ use std::{
 
 use serde_json::{Value, json};
 
-use super::Error;
+use super::{Error, misuse};
 use crate::{
     adapters::{
         effect_files,
@@ -125,7 +125,11 @@ fn show(name: &str, as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
             .iter()
             .map(|e| e.declaration().name)
             .collect();
-        let message = format!("unknown effect `{name}`; known: {}", names.join(", "));
+        let message = format!(
+            "unknown effect `{name}`; known: {}; general forms: {}",
+            names.join(", "),
+            misuse::names_of_general_forms()
+        );
         return Err(Error::Usage(message));
     };
     let declaration = effect.declaration();

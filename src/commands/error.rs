@@ -2,6 +2,7 @@
 
 use std::{io, path::PathBuf};
 
+use super::misuse::MayBeMisuse;
 use crate::{
     adapters::{
         bundled::BundledError,
@@ -89,6 +90,15 @@ pub enum Error {
 }
 
 impl Error {
+    /// The same, which may be the fault of whoever typed the command.
+    pub(super) fn of(error: impl MayBeMisuse) -> Self {
+        if error.is_misuse() {
+            Self::Usage(error.to_string())
+        } else {
+            Self::other(error)
+        }
+    }
+
     /// An error of a command that has its own kinds.
     pub fn other(error: impl std::error::Error + Send + Sync + 'static) -> Self {
         Self::Other(Box::new(error))

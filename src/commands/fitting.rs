@@ -5,6 +5,7 @@ use std::{
     time::{Duration, Instant},
 };
 
+use super::misuse::{self, Misuse};
 use crate::{
     adapters::{
         recordings::site_folder,
@@ -142,14 +143,27 @@ impl FitArgs {
         IdentificationOptions { split, ..default }
     }
 
+    /// Refuses what cannot be, before anything is read.
+    ///
+    /// # Errors
+    ///
+    /// See [`Misuse`].
+    pub fn check(&self) -> Result<(), Misuse> {
+        misuse::no_event_twice(&self.train, &self.hold_out)?;
+        misuse::no_impossible_change(&self.parts(), &[], &[])
+    }
+
     /// The parts of the model by name.
     #[must_use]
     pub fn parts(&self) -> Vec<String> {
-        self.structure
-            .split('+')
-            .map(|part| part.trim().to_owned())
-            .collect()
+        parts_of(&self.structure)
     }
+}
+
+/// The parts of `A+B` by name.
+pub(super) fn parts_of(structure: &str) -> Vec<String> {
+    let parts = structure.split('+');
+    parts.map(|part| part.trim().to_owned()).collect()
 }
 
 /// Windows of a stored site that are read at most, the newest first.

@@ -2,7 +2,10 @@
 
 use std::io::{self, Write};
 
-use super::fitting::{self, FitArgs, SourceArgs, SourceError};
+use super::{
+    fitting::{self, FitArgs, SourceArgs, SourceError},
+    misuse::{MayBeMisuse, Misuse, names_no_event},
+};
 use crate::{
     adapters::wire::{DocumentError, v1::IdentificationV1},
     identification::{
@@ -32,6 +35,9 @@ pub struct IdentifyArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IdentifyError {
+    /// The command was used wrongly.
+    #[error(transparent)]
+    Misuse(#[from] Misuse),
     /// The events.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -42,8 +48,18 @@ pub enum IdentifyError {
     #[error(transparent)]
     Document(#[from] DocumentError),
     /// The terminal or pipe.
-    #[error("cannot write the result")]
+    #[error("cannot write the result: {0}")]
     Output(#[from] io::Error),
+}
+
+impl MayBeMisuse for IdentifyError {
+    fn is_misuse(&self) -> bool {
+        match self {
+            Self::Misuse(_) => true,
+            Self::Identification(error) => names_no_event(error),
+            _ => false,
+        }
+    }
 }
 
 /// Identifies and prints.
@@ -52,6 +68,7 @@ pub enum IdentifyError {
 ///
 /// See [`IdentifyError`].
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> Result<(), IdentifyError> {
+    args.fit.check()?;
     let events = fitting::events(&args.source)?;
     let found = fitting::identify(&args.fit, &events, &args.fit.options())?;
     if args.json {

@@ -42,7 +42,8 @@ pub struct ImproveArgs {
     reason = "a command is where wall-clock time is measured"
 )]
 pub fn run(args: &ImproveArgs, out: &mut dyn Write) -> Result<(), DiagnosingError> {
-    let change = change(args)?;
+    args.common.check(&args.add, &args.remove)?;
+    let change = change(args);
     let args = &args.common;
     let events = fitting::events(&args.source)?;
     let options = args.options(&events)?;
@@ -61,34 +62,29 @@ pub fn run(args: &ImproveArgs, out: &mut dyn Write) -> Result<(), DiagnosingErro
     let mut done = done?;
     let seconds = begun.elapsed().as_secs_f64();
     diagnosing::with_screened(&mut done.last, &events);
-    args.write_report(|| report::render_improvement(&done, env!("CARGO_PKG_VERSION")))?;
-    args.write_figures(|| report::improvement_figures(&done))?;
     if args.json {
         writeln!(out, "{}", ImprovementV1::new(&done)?.to_json()?)?;
-        return Ok(());
+    } else {
+        for note in &events.notes {
+            writeln!(out, "note: {note}")?;
+        }
+        print(&done, seconds, out)?;
     }
-    for note in &events.notes {
-        writeln!(out, "note: {note}")?;
-    }
-    print(&done, seconds, out)?;
-    Ok(diagnosing::print_report(args.report.as_deref(), out)?)
+    args.write_report(
+        || report::render_improvement(&done, env!("CARGO_PKG_VERSION")),
+        out,
+    )?;
+    args.write_figures(|| report::improvement_figures(&done))
 }
 
-fn change(args: &ImproveArgs) -> Result<Change, DiagnosingError> {
+fn change(args: &ImproveArgs) -> Change {
     if args.add.is_empty() && args.remove.is_empty() {
-        return Ok(Change::UntilAdequate);
+        return Change::UntilAdequate;
     }
-    let parts = args.common.parts();
-    if let Some(effect) = args.remove.iter().find(|effect| !parts.contains(effect)) {
-        return Err(DiagnosingError::NotInStructure {
-            effect: effect.clone(),
-            structure: parts.join(" + "),
-        });
-    }
-    Ok(Change::ByHand {
+    Change::ByHand {
         add: args.add.clone(),
         remove: args.remove.clone(),
-    })
+    }
 }
 
 fn print(done: &Improvement, seconds: f64, out: &mut dyn Write) -> io::Result<()> {
@@ -210,6 +206,7 @@ mod tests {
 
     use super::*;
     use crate::adapters::report::diagnosis_fixture;
+    use crate::commands::misuse::MayBeMisuse;
 
     #[derive(Parser)]
     struct Program {
@@ -219,7 +216,9 @@ mod tests {
 
     fn asked(words: &[&str]) -> Result<Change, DiagnosingError> {
         let words = ["improve", "dir"].into_iter().chain(words.iter().copied());
-        change(&Program::try_parse_from(words).unwrap().args)
+        let args = Program::try_parse_from(words).unwrap().args;
+        args.common.check(&args.add, &args.remove)?;
+        Ok(change(&args))
     }
 
     #[test]
@@ -242,9 +241,9 @@ mod tests {
     #[test]
     fn changes_by_hand_are_only_these() {
         assert_eq!(asked(&[]).unwrap(), Change::UntilAdequate);
-        let by_hand = asked(&["--add", "a", "--add", "b"]).unwrap();
+        let by_hand = asked(&["--add", "saturation", "--add", "second_motor"]).unwrap();
         let expected = Change::ByHand {
-            add: vec!["a".to_owned(), "b".to_owned()],
+            add: vec!["saturation".to_owned(), "second_motor".to_owned()],
             remove: Vec::new(),
         };
         assert_eq!(by_hand, expected);
@@ -253,5 +252,14 @@ mod tests {
             error.contains("`saturation` cannot be removed: the structure is zip"),
             "{error}"
         );
+        let error = asked(&["--report", "/proc/x.html"]).unwrap_err();
+        assert!(!error.is_misuse(), "{error}");
+        let error = error.to_string();
+        assert!(
+            error.contains("/proc/x.html: ") && error.contains("os error"),
+            "{error}"
+        );
+        let error = asked(&["--train", "e,f", "--hold-out", "f"]).unwrap_err();
+        assert!(error.is_misuse(), "{error}");
     }
 }

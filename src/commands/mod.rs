@@ -18,12 +18,14 @@ pub mod generate;
 pub mod identify;
 pub mod improve;
 pub mod inspect;
+pub mod misuse;
 pub mod profile;
 pub mod replay;
 pub mod run;
 pub mod solutions;
 pub mod structure;
 pub mod subscribe;
+mod target;
 
 use std::{
     io::{self, Write},
@@ -119,12 +121,12 @@ fn dispatch(command: Command, effect_files: &[PathBuf], out: &mut dyn Write) -> 
         Command::Replay(args) => replay::run(&args, out),
         Command::Bridge(args) => bridge::run(&args, out),
         Command::Subscribe(args) => subscribe::run(&args, out),
-        Command::Identify(args) => identify::run(&args, out).map_err(Error::other),
-        Command::Compare(args) => compare::run(&args, out).map_err(Error::other),
-        Command::Diagnose(args) => diagnose::run(&args, out).map_err(Error::other),
-        Command::Improve(args) => improve::run(&args, out).map_err(Error::other),
-        Command::Profile(args) => profile::run(&args, out).map_err(Error::other),
-        Command::Solutions(args) => solutions::run(&args, out).map_err(Error::other),
+        Command::Identify(args) => identify::run(&args, out).map_err(Error::of),
+        Command::Compare(args) => compare::run(&args, out).map_err(Error::of),
+        Command::Diagnose(args) => diagnose::run(&args, out).map_err(Error::of),
+        Command::Improve(args) => improve::run(&args, out).map_err(Error::of),
+        Command::Profile(args) => profile::run(&args, out).map_err(Error::of),
+        Command::Solutions(args) => solutions::run(&args, out).map_err(Error::of),
         Command::Inspect(args) => inspect::run(&args, out).map_err(Error::other),
         Command::Effects(args) => effects::run(&args, out),
         Command::Structure(args) => structure::run(&args, out),

@@ -7,14 +7,18 @@ use std::{
     time::Duration,
 };
 
-use super::fitting::{self, FitArgs, SourceArgs, SourceError};
+use super::{
+    fitting::{self, FitArgs, SourceArgs, SourceError},
+    misuse::{MayBeMisuse, Misuse, names_no_event},
+    target,
+};
 use crate::{
     adapters::{
         report::{self, ReportError},
         wire::{DocumentError, v1::SiteProfileV1},
     },
     identification::{
-        Profile, ProfileOptions,
+        Profile, ProfileOptions, SiteProfile,
         profile::{Limit, ProfileError, profile_site},
     },
 };
@@ -49,6 +53,9 @@ pub struct ProfileArgs {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProfileCommandError {
+    /// The command was used wrongly.
+    #[error(transparent)]
+    Misuse(#[from] Misuse),
     /// The events.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -70,8 +77,18 @@ pub enum ProfileCommandError {
         source: io::Error,
     },
     /// The terminal or pipe.
-    #[error("cannot write the result")]
+    #[error("cannot write the result: {0}")]
     Output(#[from] io::Error),
+}
+
+impl MayBeMisuse for ProfileCommandError {
+    fn is_misuse(&self) -> bool {
+        match self {
+            Self::Misuse(_) => true,
+            Self::Profile(ProfileError::Identification(error)) => names_no_event(error),
+            _ => false,
+        }
+    }
 }
 
 /// Profiles and prints.
@@ -80,6 +97,13 @@ pub enum ProfileCommandError {
 ///
 /// See [`ProfileCommandError`].
 pub fn run(args: &ProfileArgs, out: &mut dyn Write) -> Result<(), ProfileCommandError> {
+    args.fit.check()?;
+    if let (Some(path), [_]) = (&args.svg, args.parameters.as_slice()) {
+        target::can_be_written(path).map_err(|source| ProfileCommandError::File {
+            path: path.clone(),
+            source,
+        })?;
+    }
     let events = fitting::events(&args.source)?;
     let spinner = indicatif::ProgressBar::new_spinner();
     spinner.set_message(format!("fitting {} events", events.usable.len()));
@@ -95,6 +119,11 @@ pub fn run(args: &ProfileArgs, out: &mut dyn Write) -> Result<(), ProfileCommand
     );
     spinner.finish_and_clear();
     let found = found?;
+    if args.json {
+        writeln!(out, "{}", SiteProfileV1::from(&found).to_json()?)?;
+    } else {
+        print_all(&found, &events.notes, out)?;
+    }
     if let Some(path) = &args.svg {
         for profile in &found.profiles {
             let path = figure_path(path, profile, found.profiles.len() > 1);
@@ -105,11 +134,11 @@ pub fn run(args: &ProfileArgs, out: &mut dyn Write) -> Result<(), ProfileCommand
             })?;
         }
     }
-    if args.json {
-        writeln!(out, "{}", SiteProfileV1::from(&found).to_json()?)?;
-        return Ok(());
-    }
-    for note in &events.notes {
+    Ok(())
+}
+
+fn print_all(found: &SiteProfile, notes: &[String], out: &mut dyn Write) -> io::Result<()> {
+    for note in notes {
         writeln!(out, "note: {note}")?;
     }
     writeln!(

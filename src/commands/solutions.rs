@@ -7,7 +7,11 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::fitting::{self, FitArgs, SourceArgs, SourceError};
+use super::{
+    fitting::{self, FitArgs, SourceArgs, SourceError},
+    misuse::{MayBeMisuse, Misuse, names_no_event},
+    target,
+};
 use crate::{
     adapters::{
         report::{self, ReportError},
@@ -64,6 +68,9 @@ pub enum Check {
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SolutionsError {
+    /// The command was used wrongly.
+    #[error(transparent)]
+    Misuse(#[from] Misuse),
     /// The events.
     #[error(transparent)]
     Source(#[from] SourceError),
@@ -77,7 +84,7 @@ pub enum SolutionsError {
     #[error(transparent)]
     Picture(#[from] ReportError),
     /// A picture could not be written.
-    #[error("cannot write {}", .path.display())]
+    #[error("cannot write {}: {source}", .path.display())]
     File {
         /// The file.
         path: PathBuf,
@@ -85,8 +92,18 @@ pub enum SolutionsError {
         source: io::Error,
     },
     /// The terminal or pipe.
-    #[error("cannot write the result")]
+    #[error("cannot write the result: {0}")]
     Output(#[from] io::Error),
+}
+
+impl MayBeMisuse for SolutionsError {
+    fn is_misuse(&self) -> bool {
+        match self {
+            Self::Misuse(_) => true,
+            Self::Identification(error) => names_no_event(error),
+            _ => false,
+        }
+    }
 }
 
 /// Fits and prints.
@@ -95,6 +112,13 @@ pub enum SolutionsError {
 ///
 /// See [`SolutionsError`].
 pub fn run(args: &SolutionsArgs, out: &mut dyn Write) -> Result<(), SolutionsError> {
+    args.fit.check()?;
+    if let Some(directory) = &args.svg {
+        target::can_take_files(directory).map_err(|source| SolutionsError::File {
+            path: directory.clone(),
+            source,
+        })?;
+    }
     let events = fitting::events(&args.source)?;
     let mut fit = args.fit.clone();
     fit.train.extend(args.event.clone());
@@ -105,9 +129,6 @@ pub fn run(args: &SolutionsArgs, out: &mut dyn Write) -> Result<(), SolutionsErr
         Check::Dense => ScanCheck::Dense,
     };
     let found = fitting::identify(&fit, &events, &options)?;
-    if let Some(directory) = &args.svg {
-        draw(&found, directory)?;
-    }
     if args.json {
         writeln!(out, "{}", SolutionsV1::new(&found).to_json()?)?;
     } else if args.csv {
@@ -115,7 +136,10 @@ pub fn run(args: &SolutionsArgs, out: &mut dyn Write) -> Result<(), SolutionsErr
     } else {
         print(&found, out)?;
     }
-    Ok(())
+    match &args.svg {
+        Some(directory) => draw(&found, directory),
+        None => Ok(()),
+    }
 }
 
 fn print(found: &Identification, out: &mut dyn Write) -> io::Result<()> {
