@@ -129,8 +129,7 @@ pub enum CompareError {
 impl MayBeMisuse for CompareError {
     fn is_misuse(&self) -> bool {
         match self {
-            Self::Misuse(_) => true,
-            Self::TooMany { .. } => true,
+            Self::Misuse(_) | Self::TooMany { .. } => true,
             Self::Identification(error) => names_no_event(error),
             _ => false,
         }

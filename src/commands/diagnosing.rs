@@ -396,8 +396,19 @@ pub(super) fn print_candidates(diagnosis: &Diagnosis, out: &mut dyn Write) -> io
         "\n{:width$}  {:10} {:>8} {:>9} {:>8} {:>8} {:>8}",
         "candidate", "kind", "share, %", "delta BIC", "before", "after", "gain, %"
     )?;
-    for candidate in &diagnosis.candidates {
+    let (screened_out, tried): (Vec<_>, Vec<_>) =
+        (diagnosis.candidates.iter()).partition(|c| c.is_screened_out());
+    for candidate in tried {
         print_candidate(candidate, width, out)?;
+    }
+    if !screened_out.is_empty() {
+        let names: Vec<&str> = screened_out.iter().map(|c| c.effect.as_str()).collect();
+        writeln!(
+            out,
+            "of {} more the linear screen finds too little in the residuals: {}",
+            names.len(),
+            names.join(", ")
+        )?;
     }
     let among = |c: &&Candidate| diagnosis.answer_set.contains(&c.effect);
     match diagnosis.answer_set.as_slice() {

@@ -8,7 +8,7 @@ use std::{
 use super::misuse::{self, Misuse};
 use crate::{
     adapters::{
-        recordings::site_folder,
+        recordings::site_folder::{self, Note},
         store::{SqliteOptions, SqliteStore, Store, StoreError},
     },
     disturbance::{ScreeningOptions, Window, screen},
@@ -186,9 +186,15 @@ fn from_folder(path: &Path) -> Result<Events, SourceError> {
     let mut events = Events {
         usable: Vec::new(),
         refused: Vec::new(),
-        notes: folder.notes.iter().map(ToString::to_string).collect(),
+        notes: Vec::new(),
         site: folder.site,
     };
+    for note in folder.notes {
+        match note {
+            Note::EventLeftOut { event, error } => events.refused.push((event, error.to_string())),
+            other => events.notes.push(other.to_string()),
+        }
+    }
     for event in &folder.events {
         let window = Window {
             id: event.name.clone(),
@@ -277,5 +283,36 @@ fn with_screened(error: IdentificationError, screened: &[(String, String)]) -> I
             IdentificationError::NoUsableEvent { refused }
         }
         other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adapters::bundled;
+
+    #[test]
+    fn an_event_that_cannot_be_read_is_among_the_refused() {
+        let parent = tempfile::tempdir().unwrap();
+        let site = bundled::sites()[0].extract_to(parent.path()).unwrap();
+        std::fs::remove_file(site.join("event_02.csv")).unwrap();
+        std::fs::write(site.join("event_03.csv"), "nonsense\n").unwrap();
+        let events = events(&SourceArgs { site, store: None }).unwrap();
+        let reason = |name: &str| {
+            let found = events.refused.iter().find(|(event, _)| event == name);
+            found.map(|(_, reason)| reason.clone()).unwrap_or_default()
+        };
+        assert!(
+            reason("event_02").contains("event_02.csv"),
+            "{:?}",
+            events.refused
+        );
+        assert!(
+            reason("event_03").contains("time_s"),
+            "{:?}",
+            events.refused
+        );
+        assert!(events.notes.is_empty(), "{:?}", events.notes);
+        assert!(events.usable.iter().all(|window| window.id != "event_02"));
     }
 }

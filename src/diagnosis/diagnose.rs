@@ -211,6 +211,17 @@ fn summary(round: &Round, answer: &[String]) -> String {
     }
 }
 
+/// Why an effect was not refitted.
+const SCREENED_OUT: &str = "the linear screen finds too little of it in the residuals";
+
+impl Candidate {
+    /// Whether the linear screen alone speaks against it.
+    #[must_use]
+    pub fn is_screened_out(&self) -> bool {
+        self.refused.as_slice() == [SCREENED_OUT]
+    }
+}
+
 fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
     let answer = &round.decision.answer;
     let mut order: Vec<usize> = answer.clone();
@@ -231,7 +242,7 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             None if trial.tried => {
                 vec!["no fit with it follows the events better than without it".to_owned()]
             }
-            None => vec!["the linear screen finds too little of it in the residuals".to_owned()],
+            None => vec![SCREENED_OUT.to_owned()],
             Some(e) => objections(e, &case.options.claim),
         };
         // What may be added is shown as it would be published.
@@ -317,20 +328,29 @@ fn first_amplitude(declaration: &Declaration) -> Option<(&Parameter, f64)> {
     }
 }
 
+/// The largest amplitude there can be. Of a share the search may go beyond the whole, a load cannot.
+fn largest(parameter: &Parameter) -> f64 {
+    let range = (parameter.upper - parameter.neutral).max(parameter.neutral - parameter.lower);
+    if parameter.name == "share" {
+        range.min(1.0)
+    } else {
+        range
+    }
+}
+
 /// The smallest amplitude that would have shown, where that is more than what would be worth
 /// reporting.
 fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
     let (parameter, meaningful) = first_amplitude(trial.declaration)?;
     let misfit = round.base().chi_square().max(1.0).sqrt();
     let detectable = DETECTABLE_ERRORS * misfit * trial.score.amplitude_error;
-    let range = (parameter.upper - parameter.neutral).max(parameter.neutral - parameter.lower);
     let found = trial.fit.as_ref().is_some_and(|fit| {
         let (value, least) = amplitude(trial.declaration, fit);
         value > least && trial.delta_bic() < 0.0
     });
     (detectable > meaningful && !found).then(|| Untestable {
         effect: trial.name().to_owned(),
-        smallest_detectable_amplitude: if detectable < range {
+        smallest_detectable_amplitude: if detectable < largest(parameter) {
             detectable
         } else {
             f64::INFINITY
@@ -340,4 +360,26 @@ fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
         unit: parameter.unit.to_owned(),
         needs: trial.declaration.needs.separating_event.to_owned(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::load_model::effects;
+
+    #[test]
+    fn no_share_is_larger_than_the_whole() {
+        let of = |effect: &str| {
+            let declaration = effects::find(effect).unwrap().declaration();
+            let (parameter, _) = first_amplitude(declaration).unwrap();
+            (parameter.name, parameter.upper, largest(parameter))
+        };
+        let (name, upper, most) = of("low_voltage_conversion");
+        assert!(
+            name == "share" && upper > 1.0 && most <= 1.0,
+            "{upper} {most}"
+        );
+        let (_, upper, most) = of("saturation");
+        assert!((most - upper).abs() < 1e-12, "{upper} {most}");
+    }
 }

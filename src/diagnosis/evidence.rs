@@ -122,6 +122,18 @@ fn fall(before: f64, after: f64) -> f64 {
     }
 }
 
+/// In words that a value falls, rises, or has become infinite.
+fn moves(before: f64, after: f64) -> String {
+    let percent = 100.0 * fall(before, after);
+    if !after.is_finite() {
+        "has become infinite".to_owned()
+    } else if percent < 0.0 {
+        format!("rises by {:.1} %", -percent)
+    } else {
+        format!("falls by {percent:.1} %")
+    }
+}
+
 /// Share by which a claim lowers the weighted squares of the fitted events.
 fn needed_fall(evidence: &Evidence, options: &ClaimOptions) -> f64 {
     if !evidence.at_floor(options) {
@@ -174,8 +186,8 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
     let needed = needed_fall(evidence, options);
     if own < needed {
         list.push(format!(
-            "the misfit of the fitted events falls by {:.1} %; a claim needs {:.0} %",
-            100.0 * own,
+            "the misfit of the fitted events {}; a claim needs a fall by {:.0} %",
+            moves(evidence.chi_square_before, evidence.chi_square_after),
             100.0 * needed
         ));
     }
@@ -214,8 +226,8 @@ fn of_the_gate(evidence: &Evidence, gate: GateEvidence, options: &ClaimOptions) 
         let needed = needed_held_out_fall(evidence, options);
         return (held_out < needed && !foretold).then(|| {
             format!(
-                "the misfit of the held-out events falls by {:.1} %; a claim needs {:.0} %",
-                100.0 * held_out,
+                "the misfit of the held-out events {}; a claim needs a fall by {:.0} %",
+                moves(gate.before, gate.after),
                 100.0 * needed
             )
         });
@@ -285,6 +297,13 @@ pub(super) mod tests {
         assert!(objections(&failed, &options)[0].contains("held-out"));
         let ungated = Evidence { gate: None, ..good };
         assert!(objections(&ungated, &options).is_empty());
+    }
+
+    #[test]
+    fn a_misfit_that_rises_does_not_fall() {
+        assert_eq!(moves(10.0, 10.06), "rises by 0.6 %");
+        assert_eq!(moves(10.0, 9.94), "falls by 0.6 %");
+        assert_eq!(moves(10.0, f64::INFINITY), "has become infinite");
     }
 
     #[test]

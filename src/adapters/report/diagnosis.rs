@@ -6,6 +6,7 @@ use super::{
     diagnosis_tables::{self, role},
     failure_figures::{self, EVENT_SEGMENTS},
     figure::{Ink, ReportError},
+    ladder_words::ladder_in_words,
     number::significant,
     page::{self, drawn, legend, percent, tile, to_noise},
 };
@@ -103,6 +104,9 @@ pub(super) fn where_it_fails(
 ) -> Result<Markup, ReportError> {
     let untouched = |event: &str| role(&diagnosis.events, event) == "untouched";
     let all: Vec<&EventFailure> = diagnosis.failures.iter().collect();
+    let rungs: Vec<_> = (diagnosis.failures.iter())
+        .map(|f| (f.event.as_str(), f.lowest_voltage, f.error_to_noise))
+        .collect();
     let ladder = failure_figures::ladder(
         &diagnosis.failures,
         before,
@@ -120,7 +124,7 @@ pub(super) fn where_it_fails(
                 figure {
                     figcaption {
                         h3 { "Severity ladder" }
-                        p { "A model that lacks something fails first where the voltage falls furthest." }
+                        p { (ladder_in_words(&rungs)) }
                         ul.legend {
                             (legend("dot", Ink::Measured, "fitted or gate"))
                             (legend("triangle", Ink::Model, "untouched"))

@@ -6,6 +6,7 @@ use maud::{Markup, html};
 use super::{
     event::{self, Power},
     figure::{Ink, ReportError},
+    ladder_words::ladder_in_words,
     number::{fixed, short, significant},
     overview, page,
     page::{drawn, legend, percent, tile, to_noise},
@@ -215,6 +216,16 @@ fn parameters(report: &Report<'_>) -> Markup {
 fn overview(report: &Report<'_>) -> Result<Markup, ReportError> {
     let comparisons: Vec<_> = report.comparisons.iter().collect();
     let ladder = overview::severity_ladder(report.set, report.comparisons);
+    let rungs: Vec<_> = (report.comparisons.iter())
+        .map(|c| &c.errors)
+        .map(|e| {
+            (
+                e.event.as_str(),
+                e.lowest_voltage,
+                e.error_to_noise_away_from_edges,
+            )
+        })
+        .collect();
     let scatter = overview::residual_against_voltage("against-voltage", &comparisons);
     let bins = overview::voltage_bins(&comparisons, VOLTAGE_BINS);
     Ok(html! {
@@ -224,8 +235,7 @@ fn overview(report: &Report<'_>) -> Result<Markup, ReportError> {
                 figure {
                     figcaption {
                         h3 { "Severity ladder" }
-                        p { "A model that lacks something fails first where the voltage falls furthest. Filled: \
-                             away from voltage edges; ring: all samples." }
+                        p { (ladder_in_words(&rungs)) " Filled: away from voltage edges; ring: all samples." }
                         ul.legend {
                             (legend("dot", Ink::Measured, "fitted"))
                             (legend("triangle", Ink::Model, "held out"))

@@ -16,6 +16,7 @@ mod figure;
 mod figures;
 mod improvement;
 mod labels;
+mod ladder_words;
 pub(in crate::adapters) mod number;
 mod overview;
 mod page;

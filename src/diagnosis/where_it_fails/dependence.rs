@@ -31,35 +31,52 @@ pub(super) fn dependences(series: &EventSeries, clearing_s: Option<f64>) -> Vec<
 }
 
 /// None with too few samples for four bins or where the quantity does not move.
+///
+/// How many values are independent is asked of what remains within the bins: the residual itself is slow
+/// wherever it follows a quantity that is.
 fn dependence(
     series: &EventSeries,
     clearing_s: Option<f64>,
     channel: Channel,
     quantity: Quantity,
 ) -> Option<Dependence> {
-    let told: Vec<usize> = (0..series.len())
+    let in_time: Vec<(f64, f64)> = (0..series.len())
         .filter(|&k| series.tells_of_the_load(channel, k))
-        .filter(|&k| value(series, clearing_s, quantity, k).is_some())
+        .filter_map(|k| {
+            let residual = series.channel(channel).residual(k);
+            Some((value(series, clearing_s, quantity, k)?, residual))
+        })
         .collect();
-    let residual: Vec<f64> = (told.iter())
-        .map(|&k| series.channel(channel).residual(k))
-        .collect();
-    let per_value = samples_per_independent_value(&residual);
-    let independent = told.len() as f64 / per_value;
-    let mut pairs: Vec<(f64, f64)> = (told.iter().zip(&residual))
-        .filter_map(|(&k, r)| Some((value(series, clearing_s, quantity, k)?, *r)))
-        .collect();
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let bins = equal_counts(&pairs, bin_count(told.len(), independent)?);
+    let count = in_time.len();
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| in_time[a].0.total_cmp(&in_time[b].0));
+    let pairs: Vec<(f64, f64)> = order.iter().map(|&k| in_time[k]).collect();
+    let narrow = equal_counts(&pairs, bin_count(count, f64::INFINITY)?);
+    let independent = count as f64 / per_independent_value(&narrow, &order);
+    let bins = equal_counts(&pairs, bin_count(count, independent)?);
     if bins.len() < BINS.0 {
         return None;
     }
+    let per_value = per_independent_value(&bins, &order);
     Some(Dependence {
         channel,
         quantity,
-        explained: explained(&pairs, &bins, independent),
+        explained: explained(&pairs, &bins, count as f64 / per_value),
         bins: bins.iter().map(|bin| summed_up(bin, per_value)).collect(),
     })
+}
+
+/// Samples per independent value of what remains within `bins`, whose samples are the `order`-th in time.
+fn per_independent_value(bins: &[&[(f64, f64)]], order: &[usize]) -> f64 {
+    let remains = bins.iter().flat_map(|bin| {
+        let middle = mean(bin, |pair| pair.1);
+        bin.iter().map(move |pair| pair.1 - middle)
+    });
+    let mut in_time = vec![0.0; order.len()];
+    for (&place, remains) in order.iter().zip(remains) {
+        in_time[place] = remains;
+    }
+    samples_per_independent_value(&in_time)
 }
 
 fn value(

@@ -203,6 +203,25 @@ fn a_threshold_in_the_voltage_shows_as_dependence_on_it() {
 }
 
 #[test]
+fn a_slow_residual_depends_on_the_time_since_the_clearing_and_noise_on_nothing() {
+    let missed = |t: f64| {
+        if t < 0.25 {
+            0.0
+        } else {
+            0.02 * (-(t - 0.25) / 2.0).exp()
+        }
+    };
+    let found = of_series("e", event(dip, missed)).dependences;
+    let of_time = (found.iter())
+        .find(|d| (d.channel, d.quantity) == (Channel::Active, Quantity::TimeSinceClearing))
+        .unwrap();
+    assert!(of_time.explained > 0.8, "{of_time:?}");
+    for dependence in of_series("e", event(dip, |_| 0.0)).dependences {
+        assert!(dependence.explained < 0.05, "{dependence:?}");
+    }
+}
+
+#[test]
 fn bins_hold_every_sample_once_and_equal_values_together() {
     let found = of_series("e", event(dip, |_| 0.0)).dependences;
     for dependence in found {

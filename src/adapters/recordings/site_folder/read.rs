@@ -76,6 +76,8 @@ pub struct Intake {
 pub enum Note {
     /// An event was left out.
     EventLeftOut {
+        /// The event.
+        event: String,
         /// Why.
         error: Error,
     },
@@ -89,7 +91,7 @@ pub enum Note {
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::EventLeftOut { error } => write!(f, "event left out: {error}"),
+            Self::EventLeftOut { error, .. } => write!(f, "event left out: {error}"),
             Self::NoDate { event } => write!(f, "{event} has no date: its times are made up"),
         }
     }
@@ -156,12 +158,15 @@ pub fn load_events(directory: &Path) -> Result<SiteFolder, Error> {
                 }
                 folder.events.push(event);
             }
-            Err(error) => folder.notes.push(Note::EventLeftOut { error }),
+            Err(error) => folder.notes.push(Note::EventLeftOut {
+                event: name_of(&entry.file),
+                error,
+            }),
         }
     }
     if folder.events.is_empty() {
         for note in folder.notes {
-            if let Note::EventLeftOut { error } = note {
+            if let Note::EventLeftOut { error, .. } = note {
                 return Err(error);
             }
         }
@@ -223,6 +228,12 @@ fn event_files(directory: &Path) -> Result<Vec<EventEntry>, Error> {
     Ok(names.into_iter().map(entry).collect())
 }
 
+/// File name without its ending.
+fn name_of(file: &str) -> String {
+    let name = Path::new(file).file_stem().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
 fn event(
     directory: &Path,
     site_file: &Path,
@@ -240,9 +251,8 @@ fn event(
     let mut intake = Intake::default();
     let rows = rows(&path, &mut intake)?;
     let record = on_grid(&path, folder, zero_ns, &rows, &mut intake)?;
-    let name = Path::new(&entry.file).file_stem().unwrap_or_default();
     Ok(FolderEvent {
-        name: name.to_string_lossy().into_owned(),
+        name: name_of(&entry.file),
         utc_ns,
         record,
         intake,
