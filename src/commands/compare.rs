@@ -267,7 +267,7 @@ fn print_table(
         "event", "role", "V", "window", "event", "window", "event", "P", "Q", "all", "off edges",
     )?;
     for comparison in comparisons {
-        let role = report::role(set, &comparison.event);
+        let role = judgement.role(&comparison.event);
         print_row(&comparison.event, role, &comparison.errors, width, out)?;
     }
     for (label, summary) in [
@@ -419,7 +419,7 @@ mod tests {
             let folder = bundled::sites()[index].extract_to(parent.path()).unwrap();
             folder.display().to_string()
         };
-        let (own, other) = (site(0), site(1));
+        let (own, other) = (site(2), site(3));
         let report = parent.path().join("r.html").display().to_string();
         let json = |words: &[&str]| {
             let words = [words, &["--report", &report, "--json"]].concat();
@@ -439,7 +439,8 @@ mod tests {
         let elsewhere = json(&[&other, "--parameters", &file]);
         let here = &elsewhere["here"];
         assert_ne!(here["site"], elsewhere["set"]["site"]);
-        assert!(here["verdict"]["status"] != "pass", "{}", here["verdict"]);
+        assert_eq!(here["verdict"]["status"], "fail", "{}", here["verdict"]);
+        assert!(here["fitted"].is_null() && here["held_out"].is_null());
         let warned = here["warnings"][0].as_str().unwrap();
         assert!(warned.contains("is one of site"), "{warned}");
     }

@@ -28,8 +28,26 @@ pub struct Judgement {
     pub warnings: Vec<String>,
 }
 
+impl Judgement {
+    /// What part an event played for the set: `"fitted"`, `"held out"` or `"neither"`.
+    #[must_use]
+    pub fn role(&self, event: &str) -> &'static str {
+        let holds = |summary: &Option<ErrorSummary>| {
+            let mut events = summary.iter().flat_map(|summary| &summary.events);
+            events.any(|of| of.event == event)
+        };
+        if holds(&self.fitted) {
+            "fitted"
+        } else if holds(&self.held_out) {
+            "held out"
+        } else {
+            "neither"
+        }
+    }
+}
+
 /// Judges `set` on the events of `site` in `windows` by the rule of [`validate`]: fitted events are
-/// those that it names as such, all others are held out. Where none of its fitted events is there,
+/// those of its own site that it names as such, all others are held out. Where none of its fitted events is there,
 /// their errors are those that the set brings along.
 ///
 /// # Errors
@@ -50,13 +68,15 @@ pub fn judge(
     let events: Vec<PreparedEvent> = (events.iter())
         .map(|event| align(model, &trend.applied_to(event)))
         .collect();
-    let warnings = warnings(set, site, &events);
+    // Events of different sites may bear the same names.
+    let own_site = set.site == site;
+    let is_among = |names: &[String], event: &PreparedEvent| own_site && names.contains(&event.id);
     let (fitted, unseen): (Vec<_>, Vec<_>) =
-        (events.into_iter()).partition(|event| set.fitted_events.contains(&event.id));
+        (events.into_iter()).partition(|event| is_among(&set.fitted_events, event));
     let reference = StaticModel::fit(if fitted.is_empty() { &unseen } else { &fitted });
     let summary = |events: &[PreparedEvent]| summary(model, &reference, events);
     let (held_out, others): (Vec<_>, Vec<_>) =
-        (unseen.iter().cloned()).partition(|event| set.held_out_events.contains(&event.id));
+        (unseen.iter().cloned()).partition(|event| is_among(&set.held_out_events, event));
     let (fitted_errors, unseen_errors) = (summary(&fitted)?, summary(&unseen)?);
     let evidence = Evidence {
         model,
@@ -69,14 +89,18 @@ pub fn judge(
     };
     let verdict =
         validate(&evidence, &options.validation).map_err(|_| IdentificationError::NoSolution)?;
-    let seen = set.site != site || knows_any(set, &unseen) || !fitted.is_empty();
+    let knows_none = fitted.is_empty() && held_out.is_empty();
     Ok(Judgement {
         site: site.to_owned(),
         held_out: summary(&held_out)?,
         others: summary(&others)?,
         fitted: fitted_errors,
-        verdict: if seen { verdict } else { unproven(verdict) },
-        warnings,
+        verdict: if own_site && knows_none {
+            unproven(verdict)
+        } else {
+            verdict
+        },
+        warnings: warning(set, site, knows_none).into_iter().collect(),
     })
 }
 
@@ -104,33 +128,22 @@ fn largest_change_fitted(set: &ParameterSet, fitted: &[PreparedEvent]) -> f64 {
         .unwrap_or(f64::INFINITY)
 }
 
-fn knows(set: &ParameterSet, event: &str) -> bool {
-    let mut named = set.fitted_events.iter().chain(&set.held_out_events);
-    named.any(|name| name == event)
-}
-
-fn knows_any(set: &ParameterSet, events: &[PreparedEvent]) -> bool {
-    events.iter().any(|event| knows(set, &event.id))
-}
-
-fn warnings(set: &ParameterSet, site: &str, events: &[PreparedEvent]) -> Vec<String> {
-    let mut warnings = Vec::new();
+fn warning(set: &ParameterSet, site: &str, knows_none: bool) -> Option<String> {
     if set.site != site {
-        warnings.push(format!(
+        return Some(format!(
             "the set is one of site `{}`, the events are those of site `{site}`",
             set.site
         ));
     }
-    if !knows_any(set, events) {
-        let own = set.fitted_events.first();
-        let own = own.map_or_else(String::new, |name| {
-            format!(" (it names events as `{name}`)")
-        });
-        warnings.push(format!(
+    let own = set.fitted_events.first();
+    let own = own.map_or_else(String::new, |name| {
+        format!(" (it names events as `{name}`)")
+    });
+    knows_none.then(|| {
+        format!(
             "the set knows none of these events by name{own}: what it was fitted to is not here"
-        ));
-    }
-    warnings
+        )
+    })
 }
 
 /// Of the same site and without a known name, the events may be those of the fit itself.
@@ -145,5 +158,51 @@ fn unproven(verdict: Verdict) -> Verdict {
             .chain(verdict.reasons)
             .collect(),
         channels: verdict.channels,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identification::EventErrors;
+
+    #[test]
+    fn what_an_event_was_for_the_set_is_told_by_the_summaries() {
+        let of = |event: &str| {
+            Some(ErrorSummary {
+                events: vec![EventErrors {
+                    event: event.to_owned(),
+                    ..EventErrors::default()
+                }],
+                ..ErrorSummary::default()
+            })
+        };
+        let judgement = Judgement {
+            site: "a".to_owned(),
+            fitted: of("one"),
+            held_out: of("two"),
+            others: of("three"),
+            verdict: verdict(VerdictStatus::Pass),
+            warnings: Vec::new(),
+        };
+        let roles = ["one", "two", "three"].map(|event| judgement.role(event));
+        assert_eq!(roles, ["fitted", "held out", "neither"]);
+    }
+
+    fn verdict(status: VerdictStatus) -> Verdict {
+        Verdict {
+            status,
+            reasons: vec!["figures".to_owned()],
+            channels: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn events_that_may_have_been_fitted_prove_nothing() {
+        let doubted = unproven(verdict(VerdictStatus::Pass));
+        assert_eq!(doubted.status, VerdictStatus::CannotJudge);
+        assert!(doubted.reasons[0].contains("by name") && doubted.reasons[1] == "figures");
+        let failed = unproven(verdict(VerdictStatus::Fail));
+        assert_eq!(failed, verdict(VerdictStatus::Fail));
     }
 }

@@ -79,7 +79,7 @@ pub fn render(report: &Report<'_>) -> Result<String, ReportError> {
         (head(report))
         section {
             h2 { "Errors" }
-            (tables::errors(set, report.comparisons, report.judgement, report.rival.as_ref()))
+            (tables::errors(report.comparisons, report.judgement, report.rival.as_ref()))
             @if !report.left_out.is_empty() {
                 p { "Left out:" }
                 ul { @for (event, reason) in report.left_out { li { strong { (event) } ": " (reason) } } }
@@ -215,7 +215,7 @@ fn parameters(report: &Report<'_>) -> Markup {
 
 fn overview(report: &Report<'_>) -> Result<Markup, ReportError> {
     let comparisons: Vec<_> = report.comparisons.iter().collect();
-    let ladder = overview::severity_ladder(report.set, report.comparisons);
+    let ladder = overview::severity_ladder(report.judgement, report.comparisons);
     let rungs: Vec<_> = (report.comparisons.iter())
         .map(|c| &c.errors)
         .map(|e| {
@@ -289,7 +289,7 @@ fn event_section(
     Ok(html! {
         section.event id=(id) {
             h2 { "Event " (comparison.event) }
-            p { (role_in_words(tables::role(report.set, &comparison.event))) " Onset " (utc(comparison.onset_ns))
+            p { (role_in_words(report.judgement.role(&comparison.event))) " Onset " (utc(comparison.onset_ns))
                 ", lowest voltage " (fixed(comparison.errors.lowest_voltage, 3)) " of the voltage before." }
             ul { @for power in Power::BOTH { li { (sentence::sentence(power, comparison)) } } }
             figure {

@@ -40,4 +40,3 @@ pub use improvement::render_improvement;
 pub use profile::profile_svg;
 pub use search_figures::{along_directions, tiers};
 pub use staircase::step_in_words;
-pub use tables::role;

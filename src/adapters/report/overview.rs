@@ -7,7 +7,7 @@ use super::{
     figure::{Figure, Ink, Mark, Panel, Shape},
     number,
 };
-use crate::identification::{Comparison, ParameterSet};
+use crate::identification::{Comparison, Judgement};
 
 const WIDTH_PX: u32 = 620;
 /// Residuals against voltage are thinned voltage by voltage, so that the few samples of a dip stay
@@ -16,8 +16,11 @@ const SCATTER_BINS: usize = 60;
 const SCATTER_POINTS_PER_BIN_MAX: usize = 24;
 
 /// Error to noise of every event against its lowest voltage.
-pub(super) fn severity_ladder(set: &ParameterSet, comparisons: &[Comparison]) -> Figure {
-    let rungs: Vec<_> = comparisons.iter().map(|c| Rung::new(set, c)).collect();
+pub(super) fn severity_ladder(judgement: &Judgement, comparisons: &[Comparison]) -> Figure {
+    let rungs: Vec<_> = comparisons
+        .iter()
+        .map(|c| Rung::new(judgement, c))
+        .collect();
     let horizontal = padded(extent(rungs.iter().map(|rung| rung.voltage)));
     let heights = rungs
         .iter()
@@ -52,13 +55,13 @@ struct Rung {
 }
 
 impl Rung {
-    fn new(set: &ParameterSet, comparison: &Comparison) -> Self {
+    fn new(judgement: &Judgement, comparison: &Comparison) -> Self {
         let errors = &comparison.errors;
         Self {
             voltage: errors.lowest_voltage,
             all: errors.error_to_noise.max(1e-3).log10(),
             away: errors.error_to_noise_away_from_edges.max(1e-3).log10(),
-            held_out: set.held_out_events.contains(&comparison.event),
+            held_out: judgement.role(&comparison.event) == "held out",
             label: short_name(&comparison.event),
         }
     }
@@ -290,7 +293,7 @@ mod tests {
             fixture::comparison("event_01", 0.9),
             fixture::comparison("event_03", 0.6),
         ];
-        let figure = severity_ladder(&fixture::parameter_set(), &comparisons);
+        let figure = severity_ladder(&fixture::judgement(), &comparisons);
         let triangles = figure.panels[0].marks.iter().filter(|mark| {
             matches!(
                 mark,
@@ -339,8 +342,8 @@ mod tests {
         let nothing = fixture::without_samples("none");
         assert!(residual_against_voltage("r", &[&nothing]).markup().is_ok());
         assert!(voltage_bins(&[&nothing], 10).is_empty());
-        let set = fixture::parameter_set();
-        assert!(severity_ladder(&set, &[nothing]).markup().is_ok());
-        assert!(severity_ladder(&set, &[]).markup().is_ok());
+        let judgement = fixture::judgement();
+        assert!(severity_ladder(&judgement, &[nothing]).markup().is_ok());
+        assert!(severity_ladder(&judgement, &[]).markup().is_ok());
     }
 }

@@ -10,8 +10,7 @@ use super::{
     overview::VoltageBin,
 };
 use crate::identification::{
-    Comparison, DirectionOutcome, ErrorSummary, EventErrors, Judgement, ParameterEstimate,
-    ParameterSet, Verdict,
+    Comparison, DirectionOutcome, ErrorSummary, EventErrors, Judgement, ParameterEstimate, Verdict,
 };
 
 /// Rows of the table behind an event's figure.
@@ -94,7 +93,6 @@ fn remarks(estimate: &ParameterEstimate) -> Markup {
 
 /// Errors event by event, then together by the part that the events played for the set.
 pub(super) fn errors(
-    set: &ParameterSet,
     comparisons: &[Comparison],
     judgement: &Judgement,
     rival: Option<&Rival<'_>>,
@@ -136,7 +134,7 @@ pub(super) fn errors(
             tbody {
                 @for (index, comparison) in comparisons.iter().enumerate() { tr {
                     th scope="row" { a href={ "#e" (index + 1) } { (comparison.event) } }
-                    td { (role(set, &comparison.event)) }
+                    td { (judgement.role(&comparison.event)) }
                     (error_cells(&comparison.errors))
                     @if let Some(rival) = rival {
                         (rival_cells(rival.of_event(&comparison.event).map(|c| &c.errors)))
@@ -151,19 +149,6 @@ pub(super) fn errors(
         }
     };
     scrollable("Errors of every event", &table)
-}
-
-/// What part `event` played for `set`: `"fitted"`, `"held out"` or `"neither"`.
-#[must_use]
-pub fn role(set: &ParameterSet, event: &str) -> &'static str {
-    let named = |events: &[String]| events.iter().any(|name| name == event);
-    if named(&set.fitted_events) {
-        "fitted"
-    } else if named(&set.held_out_events) {
-        "held out"
-    } else {
-        "neither"
-    }
 }
 
 fn error_cells(errors: &EventErrors) -> Markup {
