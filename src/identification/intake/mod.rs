@@ -19,6 +19,7 @@ mod weights;
 
 pub use edges::Edge;
 pub use prepare::{Elsewhere, IntakeOptions, KnownTerminal, PreparedEvent, prepare};
+pub use weights::local_motion;
 
 use crate::disturbance::ScreeningReason;
 

@@ -1,5 +1,7 @@
 //! How far each sample of P and Q can be trusted.
 
+use nalgebra::Complex;
+
 use super::series::{Series, noise_sigma};
 
 /// Noise and weights of one channel, relative to P0.
@@ -31,7 +33,7 @@ const FILTERED_SHARE: f64 = 0.03;
 /// How well the voltage behind each sample is known.
 pub(super) struct InputUncertainty {
     /// Measured phasors.
-    pub(super) phasor: Vec<nalgebra::Complex<f64>>,
+    pub(super) phasor: Vec<Complex<f64>>,
     /// Their relative noise.
     pub(super) voltage_noise: f64,
     /// Standard deviation of the smoothed voltage, relative.
@@ -75,17 +77,23 @@ pub(super) fn channel(
                 0.0
             };
             if share > 0.0 {
-                let around = k.saturating_sub(REACH)..(k + REACH + 1).min(n);
-                let motion = around
-                    .map(|i| (phasor[i] - phasor[k]).norm())
-                    .fold(0.0, f64::max);
-                let motion = (motion - 4.0 * input.voltage_noise - 0.004).max(0.0);
-                square += (share * motion).powi(2);
+                square += (share * local_motion(phasor, k, input.voltage_noise)).powi(2);
             }
             square.sqrt()
         })
         .collect();
     ChannelWeights { noise, deviation }
+}
+
+/// How far the phasor (relative to V0) moves within the samples next to sample `k`, beyond its noise: the
+/// standard deviation of P and of Q at a sample near a jump grows with it.
+#[must_use]
+pub fn local_motion(phasor: &[Complex<f64>], k: usize, noise: f64) -> f64 {
+    let around = k.saturating_sub(REACH)..(k + REACH + 1).min(phasor.len());
+    let motion = around
+        .map(|i| (phasor[i] - phasor[k]).norm())
+        .fold(0.0, f64::max);
+    (motion - 4.0 * noise - 0.004).max(0.0)
 }
 
 /// Root mean square distance from the regression line: catches noise that is correlated from
