@@ -36,7 +36,7 @@ enum Question {
         #[arg(long)]
         json: bool,
     },
-    /// Show the declaration of an effect
+    /// Show what an effect is, its equations, parameters with priors, states and needs
     Show {
         /// Name of the effect
         name: String,
@@ -136,7 +136,9 @@ fn show(name: &str, as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
     if as_json {
         return Ok(writeln!(out, "{}", effect_document(declaration))?);
     }
-    Ok(write!(out, "{}", page(declaration, declaration.title))?)
+    let described = effects::description(name);
+    let described = described.unwrap_or_else(|| declaration.title.to_owned());
+    Ok(write!(out, "{}", page(declaration, &described))?)
 }
 
 fn check(paths: &[PathBuf], as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
@@ -219,6 +221,25 @@ mod tests {
             question: Question::Show { name, json: false },
         };
         assert!(run(&unknown, &mut Vec::new()).unwrap_err().is_usage());
+    }
+
+    #[test]
+    fn what_is_shown_says_what_the_manual_says() {
+        let name = "discharge_lighting".to_owned();
+        let (ok, shown) = asked(Question::Show { name, json: false });
+        assert!(ok && shown.contains("Missing, it leaves") && shown.contains("(2)"));
+        assert!(
+            shown.contains("| 100 | 3 of the natural logarithm |"),
+            "{shown}"
+        );
+        for line in [
+            "States: `lit` (1)",
+            "Cannot be combined with",
+            "Resembles: ",
+            "Version ",
+        ] {
+            assert!(shown.contains(line), "{line}: {shown}");
+        }
     }
 
     #[test]

@@ -15,6 +15,7 @@
 //! - With every amplitude at its neutral value the effect is absent, bit for bit.
 //! - Derivatives are exact: an equation is written once over [`Elementary`], run with `f64` and [`Sensitivity`].
 
+mod page;
 mod parameter;
 
 use std::fmt::Debug;
@@ -27,6 +28,7 @@ use super::{
 };
 use crate::numerics::{Elementary, Sensitivities};
 
+pub use page::{page, parameter_row};
 pub use parameter::{
     MOTOR_REACTANCE, Parameter, Prior, Reference, Role, Scale, TYPICAL_MOTOR_REACTANCE,
 };
@@ -169,75 +171,6 @@ impl Declaration {
         let same = |(p, v): (&Parameter, &f64)| !p.is_amplitude() || p.neutral.eq(v);
         self.parameters.iter().zip(values).all(same)
     }
-}
-
-/// The page of an effect for manual and terminal: `header` (what the file says about it), the table
-/// of its parameters, what it needs and where it comes from. Markdown.
-#[must_use]
-pub fn page(declaration: &Declaration, header: &str) -> String {
-    let d = declaration;
-    let mut lines = vec![
-        format!("# {}", d.name),
-        String::new(),
-        header.trim().to_owned(),
-        String::new(),
-        "| parameter | symbol | unit | lower | typical | upper | role |".to_owned(),
-        "|---|---|---|---|---|---|---|".to_owned(),
-    ];
-    lines.extend(d.parameters.iter().map(|p| {
-        let role = match p.role {
-            Role::OneSidedAmplitude { meaningful } => {
-                format!(
-                    "amplitude, absent at {}, worth reporting from {meaningful}",
-                    p.neutral
-                )
-            }
-            Role::TwoSidedAmplitude { meaningful } => {
-                format!("amplitude of either sign, worth reporting from {meaningful}")
-            }
-            Role::Shape => "shape".to_owned(),
-            Role::Count => "whole number, tried one after the other".to_owned(),
-            Role::Shared => "shape, shared by all effects that name it".to_owned(),
-            Role::Base => "base".to_owned(),
-        };
-        let holds = p
-            .reference
-            .holds()
-            .map_or_else(String::new, |at| format!("; {at}"));
-        format!(
-            "| `{}` | {} | {} | {} | {} | {} | {role}{holds} |",
-            p.name, p.symbol, p.unit, p.lower, p.typical, p.upper
-        )
-    }));
-    let n = &d.needs;
-    let mut needs = vec![
-        format!("a window of {} s after the event", n.window_s),
-        format!("{} frames/s", n.rate_fps),
-    ];
-    if n.frequency {
-        needs.push("a frequency or angle channel".to_owned());
-    }
-    needs.extend(
-        n.voltage_below
-            .map(|v| format!("a voltage below {v} of V0")),
-    );
-    needs.extend(
-        n.voltage_above
-            .map(|v| format!("a voltage above {v} of V0")),
-    );
-    needs.extend(
-        n.frequency_deviation
-            .map(|f| format!("a frequency deviation of {f} pu")),
-    );
-    lines.extend([
-        String::new(),
-        format!("Needs: {}.", needs.join(", ")),
-        format!("Separated from its like by: {}.", n.separating_event),
-        format!("Resembles: {}.", d.resembles.join(", ")),
-        format!("Version {}. Source: {}.", d.version, d.source),
-        String::new(),
-    ]);
-    lines.join("\n")
 }
 
 /// Equations of an effect. `p` are its parameters and `x` its states, both in the declared order.

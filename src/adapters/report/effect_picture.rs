@@ -12,7 +12,7 @@ use crate::{
     load_model::{
         ComposedModel, SimulationError, Structure,
         composed::{BASE_PARAMETERS, ModelParameter},
-        effect::{Declaration, Needs, Role},
+        effect::{Declaration, Declared, Needs, Role},
         effects::find,
         structure::StructureError,
     },
@@ -66,7 +66,7 @@ pub enum PictureError {
 pub fn effect_residuals(effect: &str) -> Result<String, PictureError> {
     let plain = Structure::zip_im();
     let structure = plain.with(effect)?;
-    let declaration = find(effect).map(|e| e.declaration());
+    let declaration = find(effect).map(Declared::declaration);
     let needs = declaration.map(|d| d.needs);
     let study = Study::new(
         ComposedModel::new(&plain),
@@ -86,7 +86,8 @@ pub fn effect_residuals(effect: &str) -> Result<String, PictureError> {
     });
     let stated: Vec<String> = stated.collect();
     if !stated.is_empty() {
-        figure.horizontal_title += &format!("; shown with {}", stated.join(" and "));
+        let axis = figure.horizontal_title;
+        figure.horizontal_title = format!("{axis}; shown with {}", stated.join(" and "));
     }
     let drawn = figure.document()?;
     // On a dark page the picture keeps its own ground.
@@ -330,7 +331,8 @@ mod tests {
     /// The residuals of a channel in each dip, from one second after the onset on.
     fn late(study: &Study, channel: usize) -> Vec<Vec<f64>> {
         let residuals = study.residuals().unwrap();
-        let from = (0..).find(|k| time_s(*k) > 1.0).unwrap();
+        let from = study.dips[0].samples.len();
+        let from = (0..from).find(|k| time_s(*k) > 1.0).unwrap();
         residuals
             .iter()
             .map(|r| r[channel][from..].to_vec())

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{ComposedModel, Drive, Response, SimulationError};
 use crate::load_model::{
     Structure, TerminalInput,
-    effect::{Effect, Kind, Parameter, Role, page},
+    effect::{Effect, Kind, Parameter, Role},
     effects::catalogue,
 };
 
@@ -152,7 +152,7 @@ fn declarations_are_complete() {
 }
 
 /// The folder of the effects' files.
-fn effects_folder() -> PathBuf {
+pub(super) fn effects_folder() -> PathBuf {
     let here = Path::new(file!());
     let own = here
         .parent()
@@ -175,38 +175,6 @@ fn every_name_is_a_file_and_every_file_is_listed() {
     let mut names: Vec<String> = catalogue().iter().map(|e| name(e).to_owned()).collect();
     names.sort();
     assert_eq!(names, files);
-}
-
-#[test]
-fn the_manual_has_one_current_page_per_effect() {
-    let manual = effects_folder().join("../../../docs/effects");
-    for effect in catalogue() {
-        let source = effects_folder().join(name(effect)).with_extension("rs");
-        let source = std::fs::read_to_string(source).unwrap();
-        let header: Vec<&str> = source
-            .lines()
-            .map_while(|line| line.strip_prefix("//!"))
-            .map(|line| line.strip_prefix(' ').unwrap_or(line))
-            .collect();
-        // The picture is kept current by `adapters::report`.
-        let picture = format!(
-            "![What is left of P and Q when {0} is missing, in dips of 10, 30 and 50 %]({0}.svg)\n",
-            name(effect)
-        );
-        let expected = page(effect.declaration(), &header.join("\n")) + "\n" + &picture;
-        let path = manual.join(name(effect)).with_extension("md");
-        if std::env::var_os("UPDATE_DOCS").is_some() {
-            std::fs::create_dir_all(&manual).unwrap();
-            std::fs::write(&path, &expected).unwrap();
-        }
-        let found = std::fs::read_to_string(&path).unwrap_or_default();
-        assert_eq!(
-            found,
-            expected,
-            "{} is stale: run UPDATE_DOCS=1 cargo test the_manual",
-            path.display()
-        );
-    }
 }
 
 #[test]

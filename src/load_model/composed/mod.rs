@@ -31,6 +31,8 @@ mod static_lag;
 #[cfg(test)]
 pub(super) mod contract;
 #[cfg(test)]
+mod manual;
+#[cfg(test)]
 mod tests;
 
 use std::sync::Arc;

@@ -13,6 +13,9 @@
 //! dP = F (l v^a - 1),   dQ = t F (l v^b - 1),   l = min(g, m)                      (2)
 //! ```
 //!
+//! The -1 in (2) takes the lamps' share, of P and of Q, out of the constant-power part of the static load: what else the static load is
+//! stays. With a restrike time beyond the window they stay dark.
+//!
 //! Source: P ~ v, Q ~ v^4.5, going out between .75-.8 and .65-.7: the discharge lighting of PSS/E's CLOD
 //! (from memory, not verified); that kinds of lamps differ a little from these exponents, and restrike (1), chosen here.
 

@@ -6,7 +6,7 @@
 //! Missing, it leaves short spikes after both edges of a dip, mostly in Q; a second motor, a time
 //! skew or a phasor window leave similar ones. 120 frames/s help.
 //!
-//! Equation (5) of `composed::motor`, with `x'' = (1 - c) x'` and the time constant `T''`:
+//! Equation (5) of `base_motor`, with `x'' = (1 - c) x'` and the time constant `T''`:
 //!
 //! ```text
 //! i = (u - e'')/(r + j x''),   de''/dt = j s (e'' - e') + de'/dt + (e' - e'' + j (x' - x'') i)/T''       (1)
@@ -21,6 +21,9 @@
 //!
 //! `kappa` and `alpha` are those of the slow circuit alone: they move when a cage is added to a motor
 //! fitted without one, mostly `kappa` downwards with the motor's share going up.
+//!
+//! Acts on the motors of the base model and on those that `motor_undervoltage_trip` takes from them; those of `second_motor` keep
+//! one cage.
 //!
 //! Source: equations of PSAT's fifth-order motor as in `OpenIPSL` `MotorTypeV.mo` (verified); T'' about
 //! 2 ms open-circuit and L'' .7 to .87 of L' in MOTORW records (not verified).

@@ -25,9 +25,11 @@
 //! stays; the mean keeps local swings, which the angle has in any case, out of it.
 //!
 //! (3) is the magnetising current, whose reactance goes with the frequency as well. At nominal frequency its
-//! `|u|^2/x` is part of the static load (`composed::motor`), and `m` is the motors' share of P0 over their `x`: 0.2 for
+//! `|u|^2/x` is part of the static load (`base_motor`), and `m` is the motors' share of P0 over their `x`: 0.2 for
 //! half a load of motors with a magnetising reactance of 2.5. Without it a static dependence, which has a
 //! coefficient for Q, follows such motors better than this effect does.
+//!
+//! (1) and (2) hold for all motors, those of `second_motor` and `motor_undervoltage_trip` included.
 //!
 //! Source: (1) the stator of Kundur, "Power System Stability and Control", 7.2, with the frequency kept
 //! in the speed voltages; (2) kinematics. Checked on sites of another simulator, whose motors follow (1)

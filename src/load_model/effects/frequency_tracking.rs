@@ -3,7 +3,8 @@
 //! Instruments filter their frequency estimate over several cycles. Where the motor's drive and the
 //! frequency effects are built from that channel (no angle is recorded), both are late.
 //!
-//! Missing, it leaves a residual in proportion to the rate of change of frequency.
+//! Missing, it leaves residuals in proportion to the rate of change of the frequency in whatever depends on the frequency,
+//! and in the power of motors, through their inertia, to the change of that rate.
 //!
 //! With the channel late by `T`, to first order:
 //!
@@ -13,7 +14,7 @@
 //! ```
 //!
 //! (2) because the angle is the integral of the frequency. Without a frequency channel there is nothing
-//! to correct. Spikes at phase jumps are blanked before they get here.
+//! to correct. Only the lag is here: what a filter takes off fast swings, its overshoot and its noise are not. Spikes at phase jumps are blanked before they get here.
 //!
 //! Source: first-order expansion of a delay; IEEE C37.118.1 bounds the delay by a few cycles (not
 //! verified).

@@ -3,7 +3,8 @@
 //! No load draws constant power down to zero voltage. Study tools turn the constant-power part into a
 //! constant impedance below a threshold, and recordings agree in kind.
 //!
-//! Missing, it leaves a residual in the deepest part of deep dips only, none above the threshold.
+//! Missing, it leaves a residual in the deepest part of deep dips only, none above the threshold. With few depths the static part
+//! takes most of it when it is refitted, and leaves the opposite sign just above the threshold.
 //!
 //! With `p` the threshold, `P_p`, `Q_p` the constant-power part of the static load and `w` the share of it
 //! that is converted:
@@ -13,8 +14,12 @@
 //! dP = w P_p (k - 1),   dQ = w Q_p (k - 1)                                         (2)
 //! ```
 //!
+//! `P_p = 1 - K - c_z - c_i` and likewise `Q_p`, over P0: what other effects take out of the constant-power part (`second_motor`,
+//! `discharge_lighting`) still counts in it. The constant-current part is not converted, as in characteristic 1 below. What data tell is
+//! `w P_p`: where `P_p` is near zero, `w` means nothing.
+//!
 //! Source: (1) with p = PQBRAK = .7 is characteristic 1 of PSS/E's loads as in `OpenIPSL`,
-//! `PSSE/BaseClasses/baseLoad.mo` (verified). Constant-current load has no conversion there. Below p/2 it is an impedance.
+//! `PSSE/BaseClasses/baseLoad.mo` (verified). Below p/2 it is an impedance.
 
 use crate::{
     load_model::{

@@ -1,7 +1,7 @@
 //! The catalogue of effects: one file each, in the order in which they are tried and listed.
 //!
 //! To add one: a file with header, declaration, equations and tests like the others, and a line in each
-//! of the two lists below; `composed::contract` then tests it. Effects that a user wrote in a file
+//! of the three lists below; `composed::contract` then tests it. Effects that a user wrote in a file
 //! come behind those of the catalogue, see [`register`].
 
 mod contactor_dropout;
@@ -159,6 +159,52 @@ pub fn can_be_together(files: &[EffectFile]) -> Result<(), RegisterError> {
         }
     }
     Ok(())
+}
+
+macro_rules! files {
+    ($($name:ident),* $(,)?) => {
+        &[$((stringify!($name), include_str!(concat!(stringify!($name), ".rs")))),*]
+    };
+}
+
+/// The files of the effects, whose headers describe them.
+const FILES: &[(&str, &str)] = files![
+    contactor_dropout,
+    discharge_lighting,
+    distributed_generation,
+    double_cage_rotor,
+    electronic_load_dropout,
+    exponential_recovery,
+    feeder_impedance,
+    frequency_scaled_power,
+    frequency_tracking,
+    frequency_trip,
+    load_ramp,
+    low_voltage_conversion,
+    motor_undervoltage_trip,
+    phasor_window,
+    ratio_phase_error,
+    saturation,
+    second_motor,
+    self_disconnection,
+    single_phase_ac_stall,
+    speed_dependent_torque,
+    static_frequency_dependence,
+    stator_resistance,
+    tap_changer,
+    time_skew,
+];
+
+/// What an effect of the catalogue is, its equations and what it leaves when it is missing, as Markdown: the header of its
+/// file. `None` for other effects.
+#[must_use]
+pub fn description(name: &str) -> Option<String> {
+    let (_, file) = FILES.iter().find(|(file, _)| *file == name)?;
+    let header = file.lines().map_while(|line| line.strip_prefix("//!"));
+    let lines: Vec<&str> = header
+        .map(|line| line.strip_prefix(' ').unwrap_or(line))
+        .collect();
+    Some(lines.join("\n").trim().to_owned())
 }
 
 /// Parts of every structure, whose names no effect may take.

@@ -8,7 +8,7 @@
 //! their flux, are switched on again.
 //!
 //! A share `F` of the motors keeps states of its own. With `c` its connected share, 1 at rest, and
-//! the equations (1) to (4) of `composed::motor` in which the current is `c i` and the inertia `h` times
+//! the equations (1) to (4) of `base_motor` in which the current is `c i` and the inertia `h` times
 //! that of the others (what contactors switch is lighter or heavier than the average):
 //!
 //! ```text
@@ -17,14 +17,16 @@
 //! ```
 //!
 //! with `p, q` of the motors that stay and `p', q'` of the share, magnetisation included, and `b` the
-//! capacitors at the terminals of the motors, which leave with them. `open` picks up when the voltage
+//! capacitors at the terminals of the motors, which leave with them: what they feed at V0, over the initial active power `K F P0` of
+//! the share. `open` picks up when the voltage
 //! has been low for `T_tr`; then the contacts part after `T_o`, all of them within `T_s`, also when the voltage
-//! is back by then. A return time beyond the window means no return. Two groups with different settings
-//! are not modelled.
+//! is back by then. A return time beyond the window means no return. Once all are on again and the voltage is above `V_tr`, the relays
+//! are as they were at first: the next dip trips the motors again. Two groups with different settings
+//! are not modelled. The share is one of the base model's motors; those of `second_motor` stay on.
 //!
 //! Source: settings Vtr, Ttr, Ftr, Vrc, Trc of motors A to C in the WECC composite load model and the
 //! two blocks of Dynawo's `BaseLoadMotorFifthOrder.mo` (names verified there; values .50-.70, .02 s,
-//! reconnection .65-.75 and .05-.1 s not verified). Coasting: (2) of `composed::motor` with i = 0.
+//! reconnection .65-.75 and .05-.1 s not verified). Coasting: (2) of `base_motor` with i = 0.
 
 use super::relay::{self, SwitchTimes};
 use crate::{

@@ -10,8 +10,11 @@
 //! de'/dt = j s e' - ((1 + S) e' - j (x - x') i)/T0'                                 (2)
 //! ```
 //!
+//! Acts on the motors of the base model and on those that `motor_undervoltage_trip` takes from them; those of `second_motor` do
+//! not saturate. `x` on the base of the motors' own initial power.
+//!
 //! Source: quadratic saturation as usual for machines, SE(1.0) and SE(1.2) being two points of (1) (from
-//! memory, not verified); (2) as equation (2) of `composed::motor`.
+//! memory, not verified); (2) as equation (2) of `base_motor`.
 
 use crate::{
     load_model::{

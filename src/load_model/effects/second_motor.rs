@@ -4,13 +4,13 @@
 //! one of them has recovered while the other still accelerates.
 //!
 //! Missing, the plain fit takes a mean motor and leaves a residual with two time scales after the
-//! voltage returns, first of one sign, then of the other, in Q more than in P; its parameters run to
+//! voltage returns, first of one sign, then of the other, in P and in Q; its parameters run to
 //! their bounds. Below 20 % depth there is little to see.
 //!
-//! The same equations as the base motor's, (1) to (4) of `composed::motor` with a stator resistance, on
+//! The same equations as the base motor's, (1) to (4) of `base_motor` with a stator resistance, on
 //! the base of the second group's own initial power, written in figures that an engineer knows for
-//! motors of every size: slip `s_2`, stored energy over initial power `H_2`, `kappa_2` (twice the initial
-//! power over that at which the transient reactance alone would let the motor fall out), `r_2`.
+//! motors of every size: slip `s_2`, stored energy over initial power `H_2`, `kappa_2` (the initial power
+//! over the pull-out power at V0, without `r_2`), `r_2`.
 //!
 //! ```text
 //! alpha_2 = w_0 s_2 (1 + sqrt(1 - kappa_2^2)) / kappa_2                       (1)
@@ -21,6 +21,10 @@
 //! (1) is the steady state (12) of the reference paper solved for alpha, (2) the definition of nu. The share
 //! `K_2` is taken from the constant-power part of the static load; a constant-impedance load absorbs
 //! `|u|^2/x_2`, exactly where `r_2` is zero.
+//!
+//! The reactance `x_2` is not fitted: 2.2 on the base of the group's own initial power, a stator and magnetising reactance of about 3 on
+//! the rating. It matters through `r_2` alone. What changes the motors of the base model (`stator_resistance`, `saturation`,
+//! `double_cage_rotor`, `speed_dependent_torque`, `motor_undervoltage_trip`) does not change these; `frequency_scaled_power` does.
 //!
 //! Source: reference paper (9), (10), (12) once more. Ranges: rated slips of 0.5 to 5 %, H of .1 s (pumps) to
 //! some s (large fans) on the rating, at 60 to 90 % loading; groups A (H = .1 s), B (.5 s) and C (.1 s) of the

@@ -20,6 +20,8 @@
 //! dP = F ((1 - s + s b) p_run (1 + K_pf df) + s (1 - b) k p_stall - 1), dQ likewise with K_qf (6)
 //! ```
 //!
+//! The -1 in (6) takes the share out of the constant-power part of the static load.
+//!
 //! The running curves are fixed: recordings do not determine them; their voltages are shares of V0. Below the voltage
 //! where it meets (3) the running curve is that of a motor which has stopped.
 //!

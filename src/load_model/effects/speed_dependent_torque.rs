@@ -11,9 +11,12 @@
 //! T_m = T_0 (w / w_0)^m                     (1)
 //! ```
 //!
-//! solved within the swing equation (4) of `composed::motor`; `w` the rotor speed. `m` is 0 for a torque
+//! solved within the swing equation (4) of `base_motor`; `w` the rotor speed. `m` is 0 for a torque
 //! that stays, about 2 for fans and pumps, somewhat more where they work against a static head; no drive
 //! has a negative one.
+//!
+//! Acts on the motors of the base model and on those that `motor_undervoltage_trip` takes from them; the torque of those of
+//! `second_motor` stays.
 //!
 //! Source: torque exponent `etrq` of the motors A to C in the WECC composite load model (0 for A, 2 for B
 //! and C, not verified) and `torqueExponent` of Dynawo's fifth-order motor (verified by name). The

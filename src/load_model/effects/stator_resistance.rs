@@ -16,10 +16,13 @@
 //! Re(u conj i) = 1 at rest                  (3)
 //! ```
 //!
-//! (1) to (3) are solved by `composed::motor`. `kappa`, which fixes `x'`, keeps its meaning; pull-out
+//! (1) to (3) are solved by `base_motor`. `kappa`, which fixes `x'`, keeps its meaning; pull-out
 //! comes near `kappa = 1`, later rather than earlier, because the losses are part of the power. The magnetising reactance matters only through
 //! the losses and the decay of the flux, and is all but unidentifiable. Not included: the
 //! stator's own transients (a hundredth of a second), which a phasor does not show either.
+//!
+//! Acts on the motors of the base model and on those that `motor_undervoltage_trip` takes from them; those of `second_motor` have a
+//! resistance `r_2` of their own.
 //!
 //! Source: Kundur, "Power System Stability and Control" (1994), 7.2 (equations from memory; checked
 //! against that circuit in `composed::tests`).

@@ -92,7 +92,8 @@ fn residual_panel(name: &str, dips: &[Dip], curves: &[Vec<f64>], reach: f64) -> 
     let is_cut = |value: f64| value < shown.0 || value > shown.1;
     if all().any(is_cut) {
         let [lowest, highest] = [lowest, highest].map(|x| number::significant(x, 2));
-        title += &format!("; cut off next to the dip, where it goes from {lowest} to {highest}");
+        title =
+            format!("{title}; cut off next to the dip, where it goes from {lowest} to {highest}");
     }
     let cut: Vec<Vec<f64>> = curves
         .iter()
