@@ -65,8 +65,8 @@ fn the_manual_lists_every_effect_in_a_sentence() {
         };
         format!("| [{name}]({name}.md) | {of} | {sentence} |\n")
     });
-    let rows: String = rows.collect();
-    current("README", &(introduction.to_owned() + &rows));
+    let rows: Vec<String> = rows.collect();
+    current("README", &(introduction.to_owned() + &rows.concat()));
 }
 
 #[test]
