@@ -7,11 +7,21 @@
 
 use std::{path::Path, sync::Once};
 
-use loadmodeld::load_model::{
-    ComposedModel, Drive, Response, SimulationError, Structure, TerminalInput,
-    composed::BASE_PARAMETERS,
-    effects::{self, RegisterError},
-    user_effects::EffectFile,
+use clap::Parser;
+use loadmodeld::{
+    adapters::recordings::site_folder,
+    commands::generate::{self, GenerateArgs, GenerateError},
+    diagnosis::{Change, DiagnosisOptions, diagnose, improve},
+    disturbance::Window,
+    identification::{IdentificationOptions, identify},
+    load_model::{
+        ComposedModel, Drive, Response, SimulationError, Structure, TerminalInput,
+        composed::BASE_PARAMETERS,
+        effects::{self, RegisterError},
+        user_effects::EffectFile,
+    },
+    measurement::Site,
+    truth::{self, SiteOptions},
 };
 
 const FREQUENCY: &str = r#"
@@ -356,4 +366,85 @@ fn what_is_not_a_number_ends_the_simulation_with_an_error() {
         let outcome = try_to_simulate(&model, &p, wanted, 0.35);
         assert!(matches!(outcome, Err(SimulationError::NotFinite { .. })));
     }
+}
+
+/// Four events, the deepest of which dips below what `fragile` can take.
+fn a_site_with_a_deep_dip() -> (Site, Vec<Window>) {
+    let site = Site {
+        name: "deep".to_owned(),
+        s_base_mva: 200.0,
+        v_base_kv: 23.0,
+        nominal_hz: 60.0,
+    };
+    let options = SiteOptions {
+        events: 4,
+        duration_s: 4.0,
+        rate_fps: 30.0,
+        retained: (0.33, 0.9),
+        bad_samples: false,
+        ..SiteOptions::new(site.clone(), 5)
+    };
+    let made = truth::generate(&options, &mut |_| ()).unwrap();
+    let windows = made.records.iter().zip(1..).map(|(record, number)| Window {
+        id: format!("event_{number:02}"),
+        ..site_folder::window(&made.options.site, record)
+    });
+    (site, windows.collect())
+}
+
+#[test]
+fn an_effect_without_a_value_is_named_with_its_expression_and_the_voltage() {
+    registered();
+    let (site, windows) = a_site_with_a_deep_dip();
+    let parts = |names: &[&str]| names.iter().map(|&n| n.to_owned()).collect::<Vec<_>>();
+    let names_it = |told: &str| {
+        for words in [
+            "`fragile`",
+            "active = \"A*(ln(v - 0.4)",
+            "event_0",
+            "of V0",
+            "max(",
+        ] {
+            assert!(told.contains(words), "{words}: {told}");
+        }
+    };
+    let whole = parts(&["zip", "induction_motor", "fragile"]);
+    let options = IdentificationOptions::default();
+    let error = identify(&site, &windows, &whole, &options, &|| false).unwrap_err();
+    names_it(&error.to_string());
+    let plain = parts(&["zip", "induction_motor"]);
+    let all = effects::catalogue().iter().map(|e| e.declaration().name);
+    let options = DiagnosisOptions {
+        excluded: all.filter(|n| *n != "fragile").map(str::to_owned).collect(),
+        ..DiagnosisOptions::default()
+    };
+    let found = diagnose(&site, &windows, &plain, &options, &|_| (), &|| false).unwrap();
+    let listed = found.untestable.iter().find(|u| u.effect == "fragile");
+    names_it(&listed.unwrap().needs);
+    let found = diagnose(&site, &windows, &whole, &options, &|_| (), &|| false).unwrap();
+    names_it(&found.summary);
+    let change = Change::ByHand {
+        add: parts(&["fragile"]),
+        remove: Vec::new(),
+    };
+    let added = improve(&site, &windows, &plain, &change, &options, &|_| (), &|| {
+        false
+    });
+    names_it(&added.unwrap_err().to_string());
+}
+
+#[derive(Parser)]
+struct Generate {
+    #[command(flatten)]
+    args: GenerateArgs,
+}
+
+#[test]
+fn generated_sites_do_not_know_effects_from_files() {
+    registered();
+    let asked = ["generate", "--effect", "recovery_from_file"];
+    let Generate { args } = Generate::try_parse_from(asked).unwrap();
+    let error = generate::run(&args, &mut Vec::new()).unwrap_err();
+    assert!(matches!(&error, GenerateError::OfAFile { name } if name == "recovery_from_file"));
+    assert!(error.to_string().contains("truth simulator"), "{error}");
 }

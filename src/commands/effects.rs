@@ -17,7 +17,7 @@ use crate::{
     load_model::{
         effect::page,
         effects,
-        user_effects::{EffectFile, Problem},
+        user_effects::{EffectFile, Problem, conflicts},
     },
 };
 
@@ -49,7 +49,7 @@ enum Question {
         /// Effect files, checked together
         #[arg(value_name = "FILE", required = true)]
         files: Vec<PathBuf>,
-        /// Print one JSON document: {ok, files: [{file, name, problems: [{line, column, message, cure}]}], conflict}
+        /// Print one JSON document: {ok, files: [{file, name, problems: [{line, column, message, cure}], warnings: [the same]}], conflict}
         #[arg(long)]
         json: bool,
     },
@@ -84,7 +84,14 @@ pub(super) fn register(paths: &[PathBuf]) -> Result<(), Error> {
             problems: lines(path, &problems),
         })?);
     }
-    effects::register(files).map_err(Error::other)
+    let apart = conflicts(&files);
+    if apart.is_empty() {
+        return effects::register(files).map_err(Error::other);
+    }
+    let line = |(number, problem): &(usize, Problem)| lines(&paths[*number], [problem]);
+    Err(Error::EffectFile {
+        problems: apart.iter().map(line).collect::<Vec<_>>().join("\n"),
+    })
 }
 
 fn text_of(path: &Path) -> Result<String, Error> {
@@ -94,9 +101,13 @@ fn text_of(path: &Path) -> Result<String, Error> {
     })
 }
 
-fn lines(path: &Path, problems: &[Problem]) -> String {
+fn lines<'a>(path: &Path, problems: impl IntoIterator<Item = &'a Problem>) -> String {
     let line = |problem: &Problem| format!("{}:{problem}", path.display());
-    problems.iter().map(line).collect::<Vec<_>>().join("\n")
+    problems
+        .into_iter()
+        .map(line)
+        .collect::<Vec<_>>()
+        .join("\n")
 }
 
 fn list(as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
@@ -141,45 +152,114 @@ fn show(name: &str, as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
     Ok(write!(out, "{}", page(declaration, &described))?)
 }
 
-fn check(paths: &[PathBuf], as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
-    let mut sound = Vec::new();
-    let mut told = Vec::new();
-    for path in paths {
-        let outcome = EffectFile::parse(&text_of(path)?);
-        let (name, problems) = match outcome {
-            Ok(file) => {
-                let name = file.name().to_owned();
-                sound.push(file);
-                (Some(name), Vec::new())
-            }
-            Err(problems) => (None, problems),
+/// A file as it was found.
+struct Checked<'a> {
+    path: &'a Path,
+    /// Why it cannot be read.
+    unreadable: Option<String>,
+    name: Option<String>,
+    problems: Vec<Problem>,
+    warnings: Vec<Problem>,
+}
+
+impl<'a> Checked<'a> {
+    /// With the effect, where it is sound by itself.
+    fn new(path: &'a Path) -> (Self, Option<EffectFile>) {
+        let mut checked = Self {
+            path,
+            unreadable: None,
+            name: None,
+            problems: Vec::new(),
+            warnings: Vec::new(),
         };
-        if !as_json {
-            match &name {
-                Some(name) => writeln!(out, "{}: no problem, effect `{name}`", path.display())?,
-                None => writeln!(out, "{}", lines(path, &problems))?,
+        let text = match effect_files::read(path) {
+            Ok(text) => text,
+            Err(error) => {
+                checked.unreadable = Some(error.to_string());
+                return (checked, None);
+            }
+        };
+        match EffectFile::parse(&text) {
+            Ok(file) => {
+                checked.name = Some(file.name().to_owned());
+                checked.warnings = file.warnings().to_vec();
+                (checked, Some(file))
+            }
+            Err(problems) => {
+                checked.problems = problems;
+                (checked, None)
             }
         }
-        let problems: Vec<Value> = problems.iter().map(problem).collect();
-        told.push(json!({"file": path.display().to_string(), "name": name, "problems": problems}));
     }
+
+    fn is_sound(&self) -> bool {
+        self.unreadable.is_none() && self.problems.is_empty()
+    }
+
+    fn print(&self, out: &mut dyn Write) -> Result<(), Error> {
+        let path = self.path.display();
+        if let Some(reason) = &self.unreadable {
+            writeln!(out, "{path}: {reason}")?;
+        }
+        if !self.problems.is_empty() {
+            writeln!(out, "{}", lines(self.path, &self.problems))?;
+        }
+        for warning in &self.warnings {
+            let Problem {
+                line,
+                column,
+                message,
+                cure,
+            } = warning;
+            writeln!(out, "{path}:{line}:{column}: warning: {message}; {cure}")?;
+        }
+        let name = self.name.as_deref().unwrap_or_default();
+        match self.warnings.len() {
+            _ if !self.is_sound() => {}
+            0 => writeln!(out, "{path}: no problem, effect `{name}`")?,
+            count => writeln!(out, "{path}: {count} warning, effect `{name}` can be used")?,
+        }
+        Ok(())
+    }
+
+    fn document(&self) -> Value {
+        let all = |list: &[Problem]| list.iter().map(problem).collect::<Vec<_>>();
+        let mut problems = all(&self.problems);
+        // The file itself: it has no line.
+        let unreadable = self.unreadable.iter();
+        problems.extend(
+            unreadable.map(|reason| json!({"line": 0, "column": 0, "message": reason, "cure": ""})),
+        );
+        json!({
+            "file": self.path.display().to_string(),
+            "name": self.name,
+            "problems": problems,
+            "warnings": all(&self.warnings),
+        })
+    }
+}
+
+fn check(paths: &[PathBuf], as_json: bool, out: &mut dyn Write) -> Result<(), Error> {
+    let (mut told, sound): (Vec<Checked<'_>>, Vec<Option<EffectFile>>) =
+        paths.iter().map(|path| Checked::new(path)).unzip();
     // A file that refers to an unsound one would be blamed for it.
-    let complete = sound.len() == paths.len();
-    let conflict = complete
-        .then(|| effects::can_be_together(&sound).err())
-        .flatten();
-    let conflict = conflict.map(|c| c.to_string());
-    let ok = complete && conflict.is_none();
-    if as_json {
-        writeln!(
-            out,
-            "{}",
-            json!({"ok": ok, "files": told, "conflict": conflict})
-        )?;
-    } else if let Some(conflict) = conflict {
-        writeln!(out, "{conflict}")?;
+    let sound: Option<Vec<EffectFile>> = sound.into_iter().collect();
+    let apart = sound.as_deref().map_or_else(Vec::new, conflicts);
+    let conflict = apart.first().map(|(_, problem)| problem.message.clone());
+    for (number, problem) in apart {
+        told[number].problems.push(problem);
     }
-    if ok {
+    if as_json {
+        let files: Vec<Value> = told.iter().map(Checked::document).collect();
+        let ok = told.iter().all(Checked::is_sound);
+        let document = json!({"ok": ok, "files": files, "conflict": conflict});
+        writeln!(out, "{document}")?;
+    } else {
+        for checked in &told {
+            checked.print(out)?;
+        }
+    }
+    if told.iter().all(Checked::is_sound) {
         Ok(())
     } else {
         Err(Error::UnusableEffectFile)
@@ -250,11 +330,69 @@ mod tests {
         std::fs::write(&file, sound.replace("k_p*(v - z)", "k_p*(V - z)")).unwrap();
         let files = vec![file.clone()];
         let (ok, text) = asked(Question::Check { files, json: false });
-        assert!(!ok && text.contains("did you mean `v`?"), "{text}");
+        // As the manual says.
+        let told = "56:16: unknown variable `V`; did you mean `v`?";
+        assert!(!ok && text.contains(&format!("mine.toml:{told}")), "{text}");
+        let manual = include_str!("../../docs/adding-an-effect.md");
+        assert!(manual.contains(told));
         std::fs::write(&file, sound).unwrap();
         let files = vec![file.clone(), file];
         let (ok, text) = asked(Question::Check { files, json: true });
         let document: Value = serde_json::from_str(&text).unwrap();
         assert!(!ok && document["conflict"].is_string(), "{text}");
+    }
+
+    #[test]
+    fn a_clash_is_one_line_with_its_place_and_a_warning_leaves_the_file_usable() {
+        let directory = tempfile::tempdir().unwrap();
+        let file = directory.path().join("mine.toml");
+        let sound = include_str!("../../examples/effects/recovery_from_file.toml");
+        let clash = sound.replace("\"recovery_from_file\"", "\"second_motor\"");
+        std::fs::write(&file, clash).unwrap();
+        let files = vec![file.clone()];
+        let (ok, text) = asked(Question::Check { files, json: false });
+        assert!(!ok && text.lines().count() == 1, "{text}");
+        let line = 1 + sound.lines().position(|l| l.starts_with("name")).unwrap();
+        let place = format!("mine.toml:{line}:9: there is an effect or part `second_motor`");
+        assert!(text.contains(&place), "{text}");
+        let fragile = sound.replace("k_p*(v - z)", "k_p*(v - z)*sqrt(v - 0.44)");
+        std::fs::write(&file, fragile).unwrap();
+        let files = vec![file];
+        let (ok, text) = asked(Question::Check { files, json: false });
+        assert!(ok && text.lines().count() == 2, "{text}");
+        assert!(
+            text.contains(": warning: active = ") && text.contains("can be used"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_read_does_not_keep_others_from_being_checked() {
+        let directory = tempfile::tempdir().unwrap();
+        let [binary, sound] = ["binary.toml", "sound.toml"].map(|n| directory.path().join(n));
+        std::fs::write(&binary, b"\xff\xfen\0").unwrap();
+        let text = include_str!("../../examples/effects/recovery_from_file.toml");
+        std::fs::write(&sound, text).unwrap();
+        let files = vec![binary, directory.path().join("absent.toml"), sound];
+        let (ok, text) = asked(Question::Check {
+            files: files.clone(),
+            json: false,
+        });
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(!ok && lines.len() == 3, "{text}");
+        assert!(
+            lines[0].ends_with("a text in UTF-16; save it as UTF-8"),
+            "{text}"
+        );
+        assert!(
+            lines[2].ends_with("no problem, effect `recovery_from_file`"),
+            "{text}"
+        );
+        let (ok, text) = asked(Question::Check { files, json: true });
+        let document: Value = serde_json::from_str(&text).unwrap();
+        assert!(
+            !ok && document["files"][0]["problems"][0]["line"] == 0,
+            "{text}"
+        );
     }
 }

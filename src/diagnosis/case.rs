@@ -155,10 +155,12 @@ impl<'a> Case<'a> {
         for event in std::mem::take(&mut self.untouched) {
             match model.curves(&align(&model, &event)) {
                 Ok(_) => self.untouched.push(event),
-                Err(error) => self.refused.push((
-                    event.id,
-                    format!("the fitted model has no response: {error}"),
-                )),
+                Err(error) => {
+                    let named = model.without_value(&event);
+                    let error = named.map_or_else(|| error.to_string(), |named| named.to_string());
+                    let reason = format!("the fitted model has no response: {error}");
+                    self.refused.push((event.id, reason));
+                }
             }
         }
         let may_choose = self.options.split == EventSplit::Balanced;
@@ -275,7 +277,23 @@ impl<'a> Case<'a> {
             &self.options.composed,
             self.watcher.cancel,
         )?;
-        next.ok_or_else(|| self.failed())
+        next.ok_or_else(|| match self.failed() {
+            IdentificationError::NoSolution => self
+                .without_value(base, effect)
+                .unwrap_or(IdentificationError::NoSolution),
+            other => other,
+        })
+    }
+
+    /// Where an effect, added to a baseline, has no finite value in an event, judged or untouched; none where that is
+    /// not so.
+    pub(super) fn without_value(
+        &self,
+        base: &Baseline,
+        effect: &str,
+    ) -> Option<IdentificationError> {
+        let of = |events| composed::without_value(events, &base.structure, &base.all, effect);
+        of(&self.judged).or_else(|| of(&self.untouched))
     }
 
     /// The same, where a round has found `fit` with the effect: begun there too, whichever ends lower.
@@ -298,8 +316,8 @@ impl<'a> Case<'a> {
         }
         match self.with(base, effect) {
             Ok(own) if own.all.criterion() < found.all.criterion() => Ok(own),
-            Ok(_) | Err(IdentificationError::NoSolution) => Ok(found),
-            Err(error) => Err(error),
+            Err(error) if !error.is_of_the_model() => Err(error),
+            _ => Ok(found),
         }
     }
 
@@ -373,7 +391,7 @@ impl<'a> Case<'a> {
         let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
         errors(model, &StaticModel::fit(&self.judged), &events)
             .map(Some)
-            .map_err(|error| not_simulated(model, &error))
+            .map_err(|error| not_simulated(model, &events, &error))
     }
 
     /// What a fit says in all events, in the order of their names.
@@ -388,7 +406,8 @@ impl<'a> Case<'a> {
         let simulated = events.into_iter().map(|event| {
             let event = align(&model, event);
             let curves = model.curves(&event);
-            let curves = curves.map_err(|error| not_simulated(&model, &error))?;
+            let of_event = std::slice::from_ref(&event);
+            let curves = curves.map_err(|error| not_simulated(&model, of_event, &error))?;
             Ok((event, curves))
         });
         simulated.collect()
@@ -423,7 +442,14 @@ impl<'a> Case<'a> {
     }
 }
 
-fn not_simulated(model: &ComposedLoad, error: &SimulationError) -> IdentificationError {
+fn not_simulated(
+    model: &ComposedLoad,
+    events: &[PreparedEvent],
+    error: &SimulationError,
+) -> IdentificationError {
+    if let Some(error) = events.iter().find_map(|event| model.without_value(event)) {
+        return error;
+    }
     let structure = model.structure.names().join(" + ");
     IdentificationError::NotSimulated {
         reason: format!("{structure}: {error}"),

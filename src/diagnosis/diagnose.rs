@@ -1,7 +1,7 @@
 //! From windows to a diagnosis.
 
 use super::{
-    addable::hidden_by_rate,
+    addable::{addable, hidden_by_rate},
     anew::with_settled_events,
     case::{Case, Watcher},
     convincing::convincing,
@@ -23,6 +23,7 @@ use crate::{
     load_model::{
         Structure,
         effect::{Declaration, Parameter, Role},
+        effects,
     },
     measurement::Site,
 };
@@ -60,11 +61,12 @@ pub fn diagnose(
         Ok(report(case, &round)?)
     });
     match judged {
-        Err(
-            error @ (IdentificationError::NoUsableEvent { .. }
-            | IdentificationError::NoSolution
-            | IdentificationError::NotSimulated { .. }),
-        ) => Ok(cannot_judge(site, structure, &error)),
+        Err(error)
+            if error.is_of_the_model()
+                || matches!(error, IdentificationError::NoUsableEvent { .. }) =>
+        {
+            Ok(cannot_judge(site, structure, &error))
+        }
         other => other,
     }
 }
@@ -151,6 +153,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         untestable: trials()
             .filter_map(|t| untestable(round, t))
             .chain(too_slow(case, structure))
+            .chain(without_value(case, round))
             .collect(),
         unexplained,
         model: Some(FittedStructure::of(fit, &case.trend)),
@@ -240,7 +243,11 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
         let refused = match evidence {
             _ if declared => Vec::new(),
             None if trial.tried => {
-                vec!["no fit with it follows the events better than without it".to_owned()]
+                let no_value = case.without_value(&round.base().baseline, trial.name());
+                vec![no_value.map_or_else(
+                    || "no fit with it follows the events better than without it".to_owned(),
+                    |no_value| no_value.to_string(),
+                )]
             }
             None => vec![SCREENED_OUT.to_owned()],
             Some(e) => objections(e, &case.options.claim),
@@ -315,6 +322,27 @@ fn too_slow(case: &Case<'_>, structure: &Structure) -> Vec<Untestable> {
     };
     let hidden = hidden_by_rate(structure, case).into_iter();
     hidden.filter_map(unseen).collect()
+}
+
+/// The effects that could not be looked for, because they have no finite value in some event.
+fn without_value(case: &Case<'_>, round: &Round) -> Vec<Untestable> {
+    let base = &round.base().baseline;
+    let silent = |name: &&'static str| round.trials.iter().all(|trial| trial.name() != *name);
+    let unseen = |name: &'static str| {
+        let reason = case.without_value(base, name)?;
+        let declaration = effects::find(name)?.declaration();
+        let (parameter, meaningful) = first_amplitude(declaration)?;
+        Some(Untestable {
+            effect: name.to_owned(),
+            smallest_detectable_amplitude: f64::INFINITY,
+            meaningful_amplitude: meaningful,
+            amplitude: parameter.name.to_owned(),
+            unit: parameter.unit.to_owned(),
+            needs: reason.to_string(),
+        })
+    };
+    let addable = addable(&base.structure, case).into_iter();
+    addable.filter(silent).filter_map(unseen).collect()
 }
 
 /// The amplitude that an effect is judged by, and the smallest worth reporting.

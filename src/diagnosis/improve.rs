@@ -252,11 +252,7 @@ impl<'a> Stairs<'a> {
     fn second_step(&mut self) -> Result<Option<(Diagnosis, Higher)>, Stop> {
         let (second, fit, _) = match self.round() {
             Ok(round) => round,
-            Err(Stop::Failed(
-                IdentificationError::NoSolution | IdentificationError::NotSimulated { .. },
-            )) => {
-                return Ok(None);
-            }
+            Err(Stop::Failed(error)) if error.is_of_the_model() => return Ok(None),
             Err(error) => return Err(error),
         };
         let Some(effect) = claimed(&second) else {
@@ -300,10 +296,7 @@ impl<'a> Stairs<'a> {
                 worse: Some(Box::new(higher)),
             })),
             Ok(higher) => Ok(Ok(higher)),
-            Err(Stop::Failed(
-                error
-                @ (IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }),
-            )) => Ok(Err(Refused {
+            Err(Stop::Failed(error)) if error.is_of_the_model() => Ok(Err(Refused {
                 reason: error.to_string(),
                 worse: None,
             })),
@@ -511,11 +504,9 @@ fn rise_on_untouched(before: &StructureErrors, after: &StructureErrors) -> Optio
 
 /// Whether one of two effects is declared to resemble the other.
 fn alike(one: &str, other: &str) -> bool {
-    let lists = |one: &str, other: &str| {
-        let effect = effects::find(one);
-        effect.is_some_and(|e| e.declaration().resembles.contains(&other))
-    };
-    lists(one, other) || lists(other, one)
+    let declared = |name: &str| effects::find(name).map(|effect| effect.declaration());
+    let pair = declared(one).zip(declared(other));
+    pair.is_some_and(|(one, other)| one.is_like(other))
 }
 
 fn without(structure: &Structure, effect: &str) -> Result<Structure, IdentificationError> {

@@ -60,9 +60,7 @@ impl<'a> Case<'a> {
             base.all.chi_square_per_row()
         );
         match self.round_without(base, event, &reason) {
-            Err(Stop::Failed(
-                IdentificationError::NoSolution | IdentificationError::NotSimulated { .. },
-            )) => Ok(None),
+            Err(Stop::Failed(error)) if error.is_of_the_model() => Ok(None),
             other => other,
         }
     }

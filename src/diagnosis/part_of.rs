@@ -54,9 +54,7 @@ pub(super) fn whole(
         let names: Vec<&'static str> = std::iter::once(list[part].name()).chain(rival).collect();
         let beside = match case.with(&base.baseline, other) {
             Ok(beside) => Fitted::new(case, beside),
-            Err(IdentificationError::NoSolution | IdentificationError::NotSimulated { .. }) => {
-                continue;
-            }
+            Err(error) if error.is_of_the_model() => continue,
             Err(error) => return Err(error),
         };
         let singles = list.iter().filter_map(|trial| trial.fit.as_ref());

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{
-    ErrorSummary, EventErrors,
+    ErrorSummary, EventErrors, IdentificationError,
     gram::{at_rest, linear_rows, motor_change, own_reactive},
     intake::PreparedEvent,
     joint_problem::reactive_at_rest,
@@ -20,6 +20,11 @@ pub trait EventModel: Sync + std::fmt::Debug {
     ///
     /// [`SimulationError`] when the model has no steady state or no finite response.
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError>;
+
+    /// Which of its parts has no finite value in an event that has no response; none where that is not known.
+    fn without_value(&self, _event: &PreparedEvent) -> Option<IdentificationError> {
+        None
+    }
 }
 
 impl EventModel for FittedModel {

@@ -1,8 +1,8 @@
 //! From windows to a parameter set: prepare, split, fit jointly, validate on what was held out.
 
 use super::{
-    Bases, Comparison, Cost, DirectionRecord, ErrorSummary, OperatingPoint, ParameterSet,
-    ReactiveTrend, Solution, Verdict,
+    Bases, Comparison, Cost, DirectionRecord, ErrorSummary, IdentificationError, OperatingPoint,
+    ParameterSet, ReactiveTrend, Solution, Verdict,
     composed::ComposedLoad,
     composed_estimates::composed_estimates,
     edge_timing::align,
@@ -97,55 +97,6 @@ pub struct Identification {
     pub refused: Vec<(String, String)>,
 }
 
-/// Why no set could be identified.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum IdentificationError {
-    /// No event can be fitted; each with its reason.
-    #[error("no event can be fitted: {}", list(.refused))]
-    NoUsableEvent {
-        /// Event and why it cannot be fitted.
-        refused: Vec<(String, String)>,
-    },
-    /// A structure that cannot be composed.
-    #[error("{0}")]
-    Structure(#[from] crate::load_model::structure::StructureError),
-    /// A named event does not exist or cannot be used.
-    #[error("event `{event}` asked for is not among the usable events: {usable}")]
-    UnknownEvent {
-        /// The name.
-        event: String,
-        /// What can be used.
-        usable: String,
-    },
-    /// A stored set lacks a coordinate and cannot be simulated.
-    #[error("parameter set holds no `{name}`: it cannot be simulated; fit the site again")]
-    IncompleteSet {
-        /// The coordinate.
-        name: String,
-    },
-    /// A fitted model has no response in an event.
-    #[error("the fitted model cannot be simulated: {reason}")]
-    NotSimulated {
-        /// Which structure, and why.
-        reason: String,
-    },
-    /// The search found no feasible point.
-    #[error("no feasible parameters were found from any start")]
-    NoSolution,
-    /// The caller asked to stop.
-    #[error("cancelled")]
-    Cancelled,
-}
-
-fn list(refused: &[(String, String)]) -> String {
-    let lines: Vec<String> = refused
-        .iter()
-        .map(|(event, reason)| format!("{event}: {reason}"))
-        .collect();
-    lines.join("; ")
-}
-
 /// Fits `structure` to the windows jointly, holds some of them out, validates on those.
 ///
 /// Deterministic: the same windows and options give the same bytes, whatever the number of threads
@@ -186,7 +137,7 @@ pub fn conclude(
     let aligned = |events: &[PreparedEvent]| events.iter().map(|e| align(model, e)).collect();
     let (fitted, held): (Vec<_>, Vec<_>) = (aligned(&site_fit.measured), aligned(&site_fit.held));
     let reference = StaticModel::fit(&fitted);
-    let infeasible = |_| IdentificationError::NoSolution;
+    let infeasible = |_| no_response(model, fitted.iter().chain(&held));
     let fit_errors = errors(model, &reference, &fitted).map_err(infeasible)?;
     let held_errors = if held.is_empty() {
         None
@@ -275,13 +226,11 @@ fn compare_model(
     let on_trend = |e| align(model, &trend.applied_to(e));
     let events: Vec<PreparedEvent> = events.iter().map(on_trend).collect();
     let reference = StaticModel::fit(&events);
-    let summary =
-        errors(model, &reference, &events).map_err(|_| IdentificationError::NoSolution)?;
+    let summary = errors(model, &reference, &events).map_err(|_| no_response(model, &events))?;
     let mut list = Vec::with_capacity(events.len());
     for (event, errors) in events.iter().zip(summary.events) {
-        let curves = model
-            .curves(event)
-            .map_err(|_| IdentificationError::NoSolution)?;
+        let curves = model.curves(event);
+        let curves = curves.map_err(|_| no_response(model, [event]))?;
         let Some(window) = windows.iter().find(|w| w.id == event.id) else {
             continue;
         };
@@ -310,7 +259,19 @@ pub fn errors_on(
     let model = model.as_ref();
     let on_trend = |e| align(model, &trend.applied_to(e));
     let events: Vec<PreparedEvent> = events.iter().map(on_trend).collect();
-    errors(model, &StaticModel::fit(&events), &events).map_err(|_| IdentificationError::NoSolution)
+    let found = errors(model, &StaticModel::fit(&events), &events);
+    found.map_err(|_| no_response(model, &events))
+}
+
+/// Why a model cannot be simulated on events.
+fn no_response<'e>(
+    model: &dyn EventModel,
+    events: impl IntoIterator<Item = &'e PreparedEvent>,
+) -> IdentificationError {
+    let named = events
+        .into_iter()
+        .find_map(|event| model.without_value(event));
+    named.unwrap_or(IdentificationError::NoSolution)
 }
 
 /// Prepares every window that can be; the others with the reason. Sorted by name, so that the order

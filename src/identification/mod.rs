@@ -7,6 +7,7 @@ pub mod composed;
 mod composed_estimates;
 pub mod decision;
 pub mod edge_timing;
+mod error;
 pub mod errors;
 pub mod estimates;
 pub mod evaluate;
@@ -40,10 +41,11 @@ pub mod verdict;
 pub use comparison::Comparison;
 pub use composed_estimates::composed_parameters;
 pub use decision::{DecisionOptions, InForce, decide};
+pub use error::IdentificationError;
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
-    Identification, IdentificationError, IdentificationOptions, Split, compare, compare_fitted,
-    conclude, errors_on, identify, median_operating_point, prepare_all,
+    Identification, IdentificationOptions, Split, compare, compare_fitted, conclude, errors_on,
+    identify, median_operating_point, prepare_all,
 };
 pub use judgement::{Judgement, judge};
 pub use measurement_chain::{LateReport, MeasurementChain};

@@ -2,7 +2,7 @@
 
 use super::{
     Cost, IdentificationError, IdentificationOptions, OperatingPoint, ReactiveTrend,
-    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed},
+    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed, without_value},
     edge_timing::{align, kept_between},
     evaluate::EventModel,
     fit::{BestOnly, Fit, FitSolution, SearchOptions, check, fit},
@@ -175,7 +175,13 @@ fn compose(
     let mut built = baseline(events, &plain, best, problem, &options, cancel).ok_or_else(failed)?;
     for effect in missing {
         let next = built.with(events, &effect, &options, cancel)?;
-        built = next.ok_or_else(failed)?;
+        built = next.ok_or_else(|| match failed() {
+            IdentificationError::NoSolution => {
+                without_value(events, &built.structure, &built.all, &effect)
+                    .unwrap_or(IdentificationError::NoSolution)
+            }
+            other => other,
+        })?;
     }
     Ok(Some(narrowed(events, &built.all, &options, cancel)))
 }

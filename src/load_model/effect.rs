@@ -23,7 +23,7 @@ use std::fmt::Debug;
 use super::{
     Infeasible, MotorCoordinates,
     composed::{
-        Feeder, FrequencyCourse, Instant, Motor, MotorDescription, Rest, Seen, Series, Step,
+        Drive, Feeder, FrequencyCourse, Instant, Motor, MotorDescription, Rest, Seen, Series, Step,
     },
 };
 use crate::numerics::{Elementary, Sensitivities};
@@ -165,6 +165,12 @@ impl Declaration {
         self.parameters.iter().filter(|p| p.is_shape())
     }
 
+    /// Whether one of two effects is declared to leave a residual similar to the other's.
+    #[must_use]
+    pub fn is_like(&self, other: &Self) -> bool {
+        self.resembles.contains(&other.name) || other.resembles.contains(&self.name)
+    }
+
     /// Whether these values, in the order of the parameters, make the effect vanish.
     #[must_use]
     pub fn is_neutral(&self, values: &[f64]) -> bool {
@@ -236,6 +242,17 @@ pub trait Equations<S: Elementary> {
 
     /// Changes the measured series.
     fn measure(&self, _p: &[S], _series: &mut Series<'_, S>) {}
+}
+
+/// Where an expression of an effect has no finite value in an event.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NoValue {
+    /// The expression: its key and its text.
+    pub what: String,
+    /// Voltage over V0 there.
+    pub voltage: f64,
+    /// Time since the first sample, s.
+    pub time_s: f64,
 }
 
 /// What every effect file implements beside its equations.
@@ -323,6 +340,12 @@ pub trait Declared: Debug + Send + Sync {
         } else {
             Vec::new()
         }
+    }
+
+    /// Where the equations have no finite value with these parameters while the load sees the measured voltage; asked for
+    /// when a simulation has failed. None where they say nothing of it.
+    fn no_value(&self, _p: &[f64], _drive: &Drive<'_>) -> Option<NoValue> {
+        None
     }
 }
 

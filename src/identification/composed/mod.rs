@@ -16,6 +16,7 @@ mod fit;
 mod frequency_levels;
 mod model;
 mod narrowed;
+mod no_value;
 mod operating_point;
 mod problem;
 mod quoted;
@@ -37,6 +38,7 @@ pub use fit::{
 };
 pub use model::ComposedLoad;
 pub use narrowed::narrowed;
+pub use no_value::without_value;
 pub use refine::refine;
 pub use relay_walk::{is_bracketed, with_frequency_levels_of, with_levels_of};
 pub use rows::Scatter;

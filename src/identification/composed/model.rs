@@ -6,6 +6,7 @@ use super::{
 };
 use crate::{
     identification::{
+        IdentificationError,
         evaluate::{Curves, EventModel},
         intake::PreparedEvent,
     },
@@ -37,5 +38,9 @@ impl EventModel for ComposedLoad {
         let mut curves = Curves { active, reactive };
         curves.shift_to(event);
         Ok(curves)
+    }
+
+    fn without_value(&self, event: &PreparedEvent) -> Option<IdentificationError> {
+        self.fails_in(event, None)
     }
 }

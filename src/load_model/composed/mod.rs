@@ -22,6 +22,7 @@ mod grid;
 mod kept;
 mod motor;
 mod motor_step;
+mod no_value;
 mod places;
 mod run;
 mod runge_kutta;

@@ -2,10 +2,16 @@
 //! amplitude, states slow enough to be integrated, finite power in a dip.
 
 use super::{
-    compile::STATES_MAX, declared::OwnedParameter, document::Faults, effect::Formulas,
+    compile::STATES_MAX,
+    course::{Point, variables},
+    declared::OwnedParameter,
+    document::Faults,
+    effect::Formulas,
+    problem::Fault,
     program::VARIABLES,
+    written::Written,
 };
-use crate::load_model::composed::Step;
+use crate::load_model::effect::Role;
 
 /// Power over P0 that counts as nothing: rounding of a few operations on numbers near 1.
 const NOTHING: f64 = 1e-12;
@@ -16,55 +22,68 @@ const NO_SLOPE: f64 = NOTHING * RATE_MAX_PER_S;
 const RATE_MAX_PER_S: f64 = 2000.0;
 /// `Q0/P0` of the checks.
 const REACTIVE_AT_REST: [f64; 3] = [0.0, 0.3, -0.2];
+/// The same of the courses.
+const REACTIVE: f64 = 0.3;
 /// Points within the bounds, besides typical, lower and upper values.
 const MIXED_POINTS: u32 = 8;
 const STEP_S: f64 = 1.0 / 120.0;
 const STEPS: u32 = 120;
+/// Voltage of the dip in which power must be finite, ...
+const DIP: f64 = 0.45;
+/// ... and down to which it should be.
+const DEEPEST: f64 = 0.1;
 
-/// Checks the formulas over their parameters' bounds; the first fault of each kind is told.
+const GUARD: &str = "guard roots, logarithms and divisions with `max` or `clip`, as in \
+                     `sqrt(max(v - 0.44, 0))`";
+
+/// The formulas with what messages need.
+struct Checked<'a> {
+    formulas: &'a Formulas,
+    parameters: &'a [OwnedParameter],
+    /// Names and units, those of functions included.
+    states: &'a [(String, String)],
+}
+
+/// Checks the formulas over their parameters' bounds; the first fault of each kind is told. Where there is
+/// none, it returns what is not finite below the dip of the checks: sites that never dip as deep can do with it.
 pub(super) fn physics(
     formulas: &Formulas,
     parameters: &[OwnedParameter],
     states: &[(String, String)],
-    at: usize,
     faults: &mut Faults,
-) {
+) -> Option<Fault> {
+    let checked = Checked {
+        formulas,
+        parameters,
+        states,
+    };
     let points = points(parameters);
-    let too_fast = points.iter().find_map(|p| {
-        let rate = formulas.rate_per_s(p);
-        (rate.is_nan() || rate > RATE_MAX_PER_S).then(|| {
-            let message = format!(
-                "a state moves at {rate:.3e} /s with {}",
-                named(parameters, p)
-            );
-            (
-                message,
-                "at most 2000 /s: raise the lower bound of the time, or leave the state out",
-            )
-        })
-    });
     let checks = [
-        too_fast.map(|(m, c)| (m, c.to_owned())),
-        points
-            .iter()
-            .find_map(|p| moved_at_rest(formulas, parameters, states, p)),
+        points.iter().find_map(|p| checked.too_fast(p)),
+        points.iter().find_map(|p| checked.moved_at_rest(p)),
     ];
     let bad = checks.iter().any(Option::is_some);
-    for (message, cure) in checks.into_iter().flatten() {
-        faults.add(at, message, cure);
-    }
+    checks.into_iter().flatten().for_each(|f| faults.push(f));
     if bad {
-        return;
+        return None;
     }
+    let dip = dip();
     for p in &points {
         let neutral: Vec<f64> = parameters.iter().zip(p).map(neutral).collect();
-        let fault = driven(formulas, parameters, &neutral, true)
-            .or_else(|| driven(formulas, parameters, p, false));
-        if let Some((message, cure)) = fault {
-            faults.add(at, message, cure);
-            return;
+        let fault =
+            (checked.driven(&neutral, &dip, true)).or_else(|| checked.driven(p, &dip, false));
+        if let Some(fault) = fault {
+            faults.push(fault);
+            return None;
         }
     }
+    let fall = fall();
+    points.iter().find_map(|p| checked.below_the_dip(p, &fall))
+}
+
+/// What is not a number is not nothing.
+fn is_something(power: f64) -> bool {
+    power.is_nan() || power.abs() > NOTHING
 }
 
 fn neutral((p, value): (&OwnedParameter, &f64)) -> f64 {
@@ -97,140 +116,238 @@ fn points(parameters: &[OwnedParameter]) -> Vec<Vec<f64>> {
     points
 }
 
-fn named(parameters: &[OwnedParameter], values: &[f64]) -> String {
-    let pairs = parameters.iter().zip(values);
-    let shown: Vec<String> = pairs
-        .map(|(p, v)| format!("{} = {v:.4}", p.symbol))
-        .collect();
-    shown.join(", ")
+/// Active and reactive power, and the factors that are part of each.
+const POWERS: [(&str, &[&str]); 2] = [
+    ("active", &["motor_factor", "static_factor"]),
+    ("reactive", &["motor_factor"]),
+];
+
+/// What an expression sees besides parameters.
+struct Seen<'a> {
+    x: &'a [f64],
+    given: [f64; VARIABLES],
 }
 
-/// Power of the parts of a load at rest, as an expression sees it.
-fn variables([voltage, deviation, time_s, reactive]: [f64; 4]) -> [f64; VARIABLES] {
-    const MOTOR_SHARE: f64 = 0.4;
-    const MOTOR_REACTIVE: f64 = 0.2;
-    [
-        voltage,
-        deviation,
-        time_s,
-        reactive,
-        MOTOR_SHARE * voltage,
-        MOTOR_REACTIVE * voltage * voltage,
-        (1.0 - MOTOR_SHARE) * voltage,
-    ]
-}
+impl Checked<'_> {
+    fn named(&self, values: &[f64]) -> String {
+        let pairs = self.parameters.iter().zip(values);
+        let shown: Vec<String> = pairs
+            .map(|(p, v)| format!("{} = {v:.4}", p.symbol))
+            .collect();
+        shown.join(", ")
+    }
 
-/// What moves at rest.
-fn moved_at_rest(
-    formulas: &Formulas,
-    parameters: &[OwnedParameter],
-    states: &[(String, String)],
-    p: &[f64],
-) -> Option<(String, String)> {
-    for reactive in REACTIVE_AT_REST {
-        let mut x = [0.0; STATES_MAX];
-        formulas.at_rest(p, reactive, &mut x);
-        let with = format!("with {}, q0 = {reactive}", named(parameters, p));
-        let slopes = formulas.slopes::<f64, STATES_MAX>(p, &x, [1.0, 0.0], reactive);
-        let still = |s: &f64| s.abs() <= NO_SLOPE;
-        let moved = slopes
-            .iter()
-            .zip(&formulas.moving)
-            .position(|(s, _)| !still(s));
-        if let Some(k) = moved {
-            let state = formulas.moving[k];
-            let message = format!(
-                "at rest state `{}` changes by {:e} per s {with}",
-                states.get(state).map_or("", |(name, _)| name.as_str()),
-                slopes[k]
-            );
+    /// How a message calls a state, and where the expression is that moves it.
+    fn state(&self, index: usize) -> (String, usize) {
+        let name = self.states.get(index).map_or("", |(name, _)| name.as_str());
+        let derivative = format!("derivative of state `{name}`");
+        if let Some(written) = self.formulas.of_key(&derivative) {
+            return (format!("state `{name}`"), written.at);
+        }
+        let mut written = self.formulas.written.iter();
+        let owner = written.find(|w| w.kept.contains(&index));
+        let key = owner.map_or("the file", |w| w.key.as_str());
+        let at = owner.map_or(0, |w| w.at);
+        (format!("a state kept by a function in `{key}`"), at)
+    }
+
+    fn too_fast(&self, p: &[f64]) -> Option<Fault> {
+        let (rate, moving) = self.formulas.fastest(p);
+        if rate <= RATE_MAX_PER_S {
+            return None;
+        }
+        let index = self.formulas.moving.get(moving).copied().unwrap_or(0);
+        let (state, at) = self.state(index);
+        let with = self.named(p);
+        if !rate.is_finite() {
+            let message = format!("the rate of {state} is {rate} at v = 1, 0.6 or 0.1 with {with}");
+            return Some(Fault::new(at, message, GUARD));
+        }
+        let message = format!("{state} moves at {rate:.3e} /s with {with}");
+        let cure = "at most 2000 /s: raise the lower bound of the time, or leave the state out";
+        Some(Fault::new(at, message, cure))
+    }
+
+    /// What moves at rest.
+    fn moved_at_rest(&self, p: &[f64]) -> Option<Fault> {
+        let formulas = self.formulas;
+        REACTIVE_AT_REST.into_iter().find_map(|reactive| {
+            let mut x = [0.0; STATES_MAX];
+            formulas.at_rest(p, reactive, &mut x);
+            let with = format!("with {}, q0 = {reactive}", self.named(p));
+            let rest = Point::REST;
+            let seen = Seen {
+                x: &x,
+                given: variables(&rest, reactive),
+            };
+            (self.state_at_rest(p, &seen, reactive, &with))
+                .or_else(|| self.power_at_rest(p, &seen, &with))
+        })
+    }
+
+    fn state_at_rest(
+        &self,
+        p: &[f64],
+        seen: &Seen<'_>,
+        reactive: f64,
+        with: &str,
+    ) -> Option<Fault> {
+        let formulas = self.formulas;
+        let slopes = formulas.slopes::<f64, STATES_MAX>(p, seen.x, [1.0, 0.0], reactive);
+        let still = |slope: f64| slope.abs() <= NO_SLOPE;
+        let mut slopes = slopes.iter().zip(&formulas.moving);
+        if let Some((slope, &index)) = slopes.find(|(slope, _)| !still(**slope)) {
+            let (state, at) = self.state(index);
+            let message = format!("at rest {state} changes by {slope:e} per s {with}");
             let cure = "its derivative must be 0 at v = 1, df = 0 and its initial value";
-            return Some((message, cure.to_owned()));
+            let cure = if slope.is_finite() { cure } else { GUARD };
+            return Some(Fault::new(at, message, cure));
         }
-        let conditions = formulas.conditions_at_rest(p, &x, reactive);
-        let holds = |c: &&f64| **c > 0.0 || c.is_nan();
-        if let Some(value) = conditions.iter().find(holds) {
-            let message = format!("at rest the condition of a timer or latch is {value} {with}");
-            let cure = "it must be 0 at v = 1, df = 0: narrow the bounds of its threshold";
-            return Some((message, cure.to_owned()));
-        }
-        let power = formulas.added_power(p, &x, variables([1.0, 0.0, 0.0, reactive]));
-        for (name, value) in ["active", "reactive"].iter().zip(power) {
-            if value.abs() > NOTHING || value.is_nan() {
-                let message = format!("at rest the {name} power added is {value:e} {with}");
-                let cure = "it must be 0 at v = 1, df = 0, t = 0; a factor must be 1: subtract its \
-                            value there, `v^a - 1`";
-                return Some((message, cure.to_owned()));
-            }
-        }
+        let conditions = formulas.conditions_at_rest(p, seen.x, reactive);
+        let holds = |(_, c): &(usize, f64)| *c > 0.0 || c.is_nan();
+        let (index, value) = conditions.into_iter().find(holds)?;
+        let (_, at) = self.state(index);
+        let message = format!("at rest the condition of a timer or latch is {value} {with}");
+        let cure = "it must be 0 at v = 1, df = 0: narrow the bounds of its threshold";
+        let cure = if value.is_nan() { GUARD } else { cure };
+        Some(Fault::new(at, message, cure))
     }
-    None
-}
 
-/// What is wrong in a dip with a change of frequency.
-fn driven(
-    formulas: &Formulas,
-    parameters: &[OwnedParameter],
-    p: &[f64],
-    is_neutral: bool,
-) -> Option<(String, String)> {
-    const REACTIVE: f64 = 0.3;
-    let mut x = [0.0; STATES_MAX];
-    formulas.at_rest(p, REACTIVE, &mut x);
-    let substeps = (formulas.rate_per_s(p) * STEP_S / 0.5)
-        .ceil()
-        .clamp(1.0, 64.0);
-    for k in 0..STEPS {
-        let time_s = f64::from(k) * STEP_S;
-        let (voltage, deviation) = dip(time_s);
-        let given = variables([voltage, deviation, time_s, REACTIVE]);
-        let power = formulas.added_power(p, &x, given);
-        let with = || {
-            let named = named(parameters, p);
-            format!("at v = {voltage:.3}, df = {deviation:.4}, t = {time_s:.3} s with {named}")
+    fn power_at_rest(&self, p: &[f64], seen: &Seen<'_>, with: &str) -> Option<Fault> {
+        let (power, value) = self.added(p, seen, is_something)?;
+        let name = POWERS[power].0;
+        let message = format!("at rest the {name} power added is {value:e} {with}");
+        let cure = if value.is_finite() {
+            "it must be 0 at v = 1, df = 0, t = 0; a factor must be 1: subtract its value there, \
+             `v^a - 1`"
+        } else {
+            GUARD
         };
-        for (name, value) in ["active", "reactive"].iter().zip(power) {
-            if !value.is_finite() {
+        Some(Fault::new(self.place(p, seen, power), message, cure))
+    }
+
+    /// Which power, 0 active or 1 reactive, is as asked for, and its value.
+    fn added(
+        &self,
+        p: &[f64],
+        seen: &Seen<'_>,
+        asked: impl Fn(f64) -> bool,
+    ) -> Option<(usize, f64)> {
+        let power = self.formulas.added_power(p, seen.x, seen.given);
+        power
+            .into_iter()
+            .enumerate()
+            .find(|(_, value)| asked(*value))
+    }
+
+    /// Where the expression is that makes a power other than nothing.
+    fn place(&self, p: &[f64], seen: &Seen<'_>, power: usize) -> usize {
+        let (name, factors) = POWERS[power];
+        let adds = |written: &&Written| {
+            let value = written.value(p, seen.x, seen.given);
+            let neutral = if written.key == name { 0.0 } else { 1.0 };
+            is_something(value - neutral)
+        };
+        let part = |written: &&Written| {
+            let key = written.key.as_str();
+            key == name || factors.contains(&key)
+        };
+        let mut parts = self.formulas.written.iter().filter(part);
+        let first = parts.clone().next();
+        parts.find(adds).or(first).map_or(0, |written| written.at)
+    }
+
+    /// What is wrong on a course.
+    fn driven(&self, p: &[f64], course: &[Point], is_neutral: bool) -> Option<Fault> {
+        self.formulas.through(p, REACTIVE, course, |at, x| {
+            let seen = Seen {
+                x,
+                given: variables(at, REACTIVE),
+            };
+            let with = || format!("{at} with {}", self.named(p));
+            if let Some((power, value)) = self.added(p, &seen, |value| !value.is_finite()) {
+                let name = POWERS[power].0;
                 let message = format!("the {name} power is {value} {}", with());
-                let cure = "guard divisions, roots and logarithms with `max` or `clip`";
-                return Some((message, cure.to_owned()));
+                let culprit = self.formulas.not_finite(p, x, seen.given);
+                let place = culprit.map_or_else(|| self.place(p, &seen, power), |w| w.at);
+                return Some(Fault::new(place, message, GUARD));
             }
-            if is_neutral && value.abs() > NOTHING {
-                let message = format!(
-                    "with neutral amplitudes the {name} power is {value:e} {}",
-                    with()
-                );
-                let cure = "multiply every term by an amplitude, so that the effect can be absent";
-                return Some((message, cure.to_owned()));
+            let present = |value: f64| is_neutral && value.abs() > NOTHING;
+            let (power, value) = self.added(p, &seen, present)?;
+            if let Some(fault) = self.neutral_is_not_nothing() {
+                return Some(fault);
             }
-        }
-        let (next, _) = dip(time_s + STEP_S);
-        let step = Step {
-            duration_s: STEP_S / substeps,
-            phasor: [[voltage, 0.0], [0.5 * (voltage + next), 0.0], [next, 0.0]],
-            motor_phasor: [[voltage, 0.0], [0.5 * (voltage + next), 0.0], [next, 0.0]],
-            voltage: [voltage, 0.5 * (voltage + next), next],
-            frequency_deviation: deviation,
-        };
-        let mut done = 0.0;
-        while done < substeps {
-            formulas.advance(p, &mut x[..formulas.states], &step, REACTIVE);
-            done += 1.0;
-        }
+            let name = POWERS[power].0;
+            let message = format!(
+                "with neutral amplitudes the {name} power is {value:e} {}",
+                with()
+            );
+            let cure = "multiply every term by an amplitude, so that the effect can be absent";
+            Some(Fault::new(self.place(p, &seen, power), message, cure))
+        })
     }
-    None
+
+    /// An amplitude from a lower bound other than 0, which is its neutral value.
+    fn neutral_is_not_nothing(&self) -> Option<Fault> {
+        let p = self.parameters.iter().find(|p| {
+            let one_sided = matches!(p.numbers.role, Role::OneSidedAmplitude { .. });
+            one_sided && p.numbers.neutral.abs() > 0.0
+        })?;
+        let message = format!(
+            "the effect is not absent at the lower bound {} of the one-sided amplitude `{}`",
+            p.numbers.lower, p.symbol
+        );
+        let cure = "that bound is its neutral value: set `lower` to where the effect is absent, \
+                    mostly 0, or make it two_sided";
+        Some(Fault::new(p.lower_at, message, cure))
+    }
+
+    /// What is not finite on a fall of the voltage below the dip of the checks.
+    fn below_the_dip(&self, p: &[f64], fall: &[Point]) -> Option<Fault> {
+        let (written, at) = self.formulas.without_value(p, REACTIVE, fall)?;
+        let message = format!(
+            "{} has no finite value {at} with {}; no event that dips as deep can be simulated with it",
+            written.shown(),
+            self.named(p)
+        );
+        Some(Fault::new(written.at, message, GUARD))
+    }
 }
 
-/// Voltage and frequency deviation: a deep dip, a slow recovery, a swell.
-fn dip(time_s: f64) -> (f64, f64) {
-    let voltage = if time_s < 0.1 {
-        1.0
-    } else if time_s < 0.3 {
-        0.45
-    } else if time_s < 0.8 {
-        0.9 + 0.2 * (time_s - 0.3)
-    } else {
-        1.08
+fn course(voltage: impl Fn(f64) -> f64) -> Vec<Point> {
+    let point = |k: u32| {
+        let time_s = f64::from(k) * STEP_S;
+        Point {
+            time_s,
+            voltage: voltage(time_s),
+            deviation: 0.01 * (9.0 * time_s).sin(),
+        }
     };
-    (voltage, 0.01 * (9.0 * time_s).sin())
+    (0..STEPS).map(point).collect()
+}
+
+/// A dip, a slow recovery, a swell.
+fn dip() -> Vec<Point> {
+    course(|time_s| {
+        if time_s < 0.1 {
+            1.0
+        } else if time_s < 0.3 {
+            DIP
+        } else if time_s < 0.8 {
+            0.9 + 0.2 * (time_s - 0.3)
+        } else {
+            1.08
+        }
+    })
+}
+
+/// A fall from the dip of the checks to the deepest voltage.
+fn fall() -> Vec<Point> {
+    course(|time_s| {
+        if time_s < 0.1 {
+            1.0
+        } else {
+            (DIP - 0.4 * (time_s - 0.1)).max(DEEPEST)
+        }
+    })
 }

@@ -217,7 +217,7 @@ impl Compiler {
             return Err(Fault::new(0, message, cure));
         }
         let value = parser::value(self, text, target)?;
-        if value.unit != expected {
+        if !value.unit.agrees(expected) {
             let message = format!(
                 "the expression has the unit {}, and {expected} is needed",
                 value.unit

@@ -2,7 +2,9 @@
 
 use super::{
     compile::{STATES_MAX, Symbol, is_name, is_reserved, narrow},
-    document::{At, Faults, Table, Text},
+    document::{At, FAULTS_MAX, Faults, Table, Text},
+    parser::UNKNOWN_VARIABLE,
+    problem::Fault,
     program::Operation,
     unit::Unit,
 };
@@ -23,9 +25,12 @@ pub(super) struct OwnedParameter {
     pub(super) numbers: Parameter,
     /// Values of a shape at which a screen looks.
     pub(super) grid: Vec<f64>,
-    /// Where it is in the file.
+    /// Where it is in the file, and its lower bound.
     pub(super) at: usize,
+    pub(super) lower_at: usize,
     pub(super) measure: Unit,
+    /// Whether nothing is wrong with it.
+    pub(super) sound: bool,
 }
 
 /// A state with its expressions.
@@ -38,15 +43,16 @@ pub(super) struct OwnedState {
     pub(super) derivative: Option<Text>,
 }
 
+pub(super) const AMPLITUDE_NEEDED: &str = "one parameter needs role = \"one_sided\" or \"two_sided\": at its \
+                                           neutral value the effect is absent";
 const UNITS: &str = "units are 1 or pu, s, 1/s, s^2, pu/s and the like; time is in s, shares are \
                      not in %, frequency is per unit";
 
-fn measure(unit: &Text, faults: &mut Faults) -> Option<Unit> {
-    let found = Unit::parse(&unit.value);
-    if found.is_none() {
+fn measure(unit: &Text, faults: &mut Faults) -> Unit {
+    Unit::parse(&unit.value).unwrap_or_else(|| {
         faults.add(unit.at, format!("unknown unit `{:.20}`", unit.value), UNITS);
-    }
-    found
+        Unit::UNKNOWN
+    })
 }
 
 /// A name for a parameter or state: what JSON and configuration call it.
@@ -73,6 +79,44 @@ fn symbol(text: &Text, faults: &mut Faults) {
     }
 }
 
+/// Names that expressions may use and that declarations at fault leave open: what is wrong with an expression because of
+/// them was told there.
+#[derive(Debug, Default)]
+pub(super) struct Open {
+    /// Whether any declaration has no name of its own for expressions.
+    pub(super) unnamed: bool,
+    /// Names that are variables or functions already.
+    pub(super) taken: Vec<String>,
+}
+
+impl Open {
+    /// Of what was declared, and of how many declarations there are.
+    pub(super) fn new(
+        (parameters, states): (&[OwnedParameter], &[OwnedState]),
+        count: usize,
+    ) -> Self {
+        let symbols = parameters.iter().map(|p| p.symbol.as_str());
+        let names = symbols.chain(states.iter().map(|s| s.name.value.as_str()));
+        let none = parameters.is_empty() || parameters.len() + states.len() < count;
+        Self {
+            unnamed: none || names.clone().any(|name| !is_name(name)),
+            taken: names
+                .filter(|n| is_reserved(n))
+                .map(str::to_owned)
+                .collect(),
+        }
+    }
+
+    /// Whether a fault of an expression may come from what is open.
+    pub(super) fn explains(&self, expression: &str, fault: &Fault) -> bool {
+        let word = |name: &String| {
+            let mut words = expression.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
+            words.any(|word| word == name)
+        };
+        self.unnamed && fault.message.starts_with(UNKNOWN_VARIABLE) || self.taken.iter().any(word)
+    }
+}
+
 /// The parameters, those that can be read.
 pub(super) fn parameters(
     tables: Vec<Table<'_>>,
@@ -87,15 +131,20 @@ pub(super) fn parameters(
             format!("at most {PARAMETERS_MAX}"),
         );
     }
+    let count = tables.len();
+    let first = tables.first().map_or(at, |table| table.at);
     let tables = tables.into_iter().take(PARAMETERS_MAX);
     let found: Vec<OwnedParameter> = tables.filter_map(|t| parameter(t, faults)).collect();
-    if !found.iter().any(|p| p.numbers.is_amplitude()) {
-        let cure = "one parameter needs role = \"one_sided\" or \"two_sided\": at its neutral \
-                    value the effect is absent";
-        faults.add(at, "no amplitude", cure);
+    // One that cannot be read may be meant as an amplitude.
+    let all_read = found.len() == count && found.iter().all(|p| p.sound);
+    if all_read && count > 0 && !found.iter().any(|p| p.numbers.is_amplitude()) {
+        faults.add(first, "no amplitude", AMPLITUDE_NEEDED);
     }
     for (k, p) in found.iter().enumerate() {
-        if found[..k].iter().any(|q| q.name == p.name) {
+        if found[..k]
+            .iter()
+            .any(|q| !p.name.is_empty() && q.name == p.name)
+        {
             faults.add(
                 p.at,
                 format!("parameter `{}` appears twice", p.name),
@@ -106,7 +155,7 @@ pub(super) fn parameters(
     let points: usize = found.iter().map(|p| p.grid.len().max(1)).product();
     if points > GRID_POINTS_MAX {
         let message = format!("the grids of the shapes have {points} points together");
-        faults.add(at, message, format!("at most {GRID_POINTS_MAX}"));
+        faults.add(first, message, format!("at most {GRID_POINTS_MAX}"));
     }
     found
 }
@@ -114,6 +163,7 @@ pub(super) fn parameters(
 fn parameter(mut table: Table<'_>, faults: &mut Faults) -> Option<OwnedParameter> {
     let before = faults.0.len();
     let at = table.at;
+    let lower_at = table.place("lower").unwrap_or(at);
     let name = table.needed_text("name", "the name in JSON, with the unit last", faults);
     let short = table.needed_text("symbol", "what the expressions call it", faults);
     let unit = table.needed_text("unit", UNITS, faults);
@@ -121,34 +171,26 @@ fn parameter(mut table: Table<'_>, faults: &mut Faults) -> Option<OwnedParameter
     let numbers = numbers(&mut table, role, faults);
     let grid = grid(&mut table, role, numbers.as_ref(), faults);
     table.finish(faults);
-    let (name, short, unit) = (name?, short?, unit?);
-    identifier(&name, "parameter name", faults);
-    symbol(&short, faults);
-    let measure = measure(&unit, faults);
-    if faults.0.len() > before {
-        // What is known still lets the expressions be read.
-        let known = measure?;
-        let numbers = numbers.unwrap_or_else(|| placeholder(role.unwrap_or(Role::Shape)));
-        return Some(owned([name, short, unit], numbers, grid, (at, known)));
+    if let Some(name) = &name {
+        identifier(name, "parameter name", faults);
     }
-    Some(owned([name, short, unit], numbers?, grid, (at, measure?)))
-}
-
-fn owned(
-    [name, symbol, unit]: [Text; 3],
-    numbers: Parameter,
-    grid: Vec<f64>,
-    (at, measure): (usize, Unit),
-) -> OwnedParameter {
-    OwnedParameter {
-        name: name.value,
-        symbol: symbol.value,
-        unit: unit.value,
-        numbers,
+    if let Some(short) = &short {
+        symbol(short, faults);
+    }
+    let measure = unit.as_ref().map(|unit| measure(unit, faults));
+    // What is known still lets the expressions be read.
+    let text = |text: Option<Text>| text.map_or_else(String::new, |text| text.value);
+    Some(OwnedParameter {
+        symbol: short?.value,
+        name: text(name),
+        unit: text(unit),
+        numbers: numbers.unwrap_or_else(|| placeholder(role.unwrap_or(Role::Shape))),
         grid,
         at,
-        measure,
-    }
+        lower_at,
+        measure: measure.unwrap_or(Unit::UNKNOWN),
+        sound: faults.0.len() == before && before < FAULTS_MAX,
+    })
 }
 
 fn placeholder(role: Role) -> Parameter {
@@ -394,16 +436,17 @@ fn state(mut table: Table<'_>, faults: &mut Faults) -> Option<OwnedState> {
     let initial = table.needed_text("initial", "an expression for its value at rest", faults);
     let derivative = table.needed_text("derivative", "an expression for its change per s", faults);
     table.finish(faults);
-    let (name, unit) = (name?, unit?);
+    let name = name?;
     identifier(&name, "state name", faults);
     if is_reserved(&name.value) {
         let message = format!("`{}` is a variable or function already", name.value);
         faults.add(name.at, message, "choose another name");
     }
+    let measure = unit.as_ref().map(|unit| measure(unit, faults));
     Some(OwnedState {
-        measure: measure(&unit, faults)?,
+        measure: measure.unwrap_or(Unit::UNKNOWN),
         name,
-        unit: unit.value,
+        unit: unit.map_or_else(String::new, |unit| unit.value),
         initial,
         derivative,
     })
@@ -425,9 +468,12 @@ pub(super) fn symbols(
     });
     let mut found: Vec<Symbol> = Vec::new();
     for (name, operation, unit, at) in of_parameters.chain(of_states) {
-        if found.iter().any(|s| s.name == name) {
+        let mut unit = unit;
+        if let Some(other) = found.iter_mut().find(|s| s.name == name) {
             let message = format!("`{name:.60}` stands for two things");
             faults.add(at, message, "rename one");
+            // Which of them an expression means is not known.
+            (unit, other.unit) = (Unit::UNKNOWN, Unit::UNKNOWN);
         }
         found.push(Symbol {
             name,

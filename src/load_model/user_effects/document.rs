@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::problem::{Fault, suggestion};
+use super::problem::{Fault, nearest, suggestion};
 
 /// Largest file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
@@ -17,6 +17,10 @@ pub(super) const FAULTS_MAX: usize = 50;
 pub(super) struct Faults(pub(super) Vec<Fault>);
 
 impl Faults {
+    pub(super) fn push(&mut self, fault: Fault) {
+        self.add(fault.at, fault.message, fault.cure);
+    }
+
     pub(super) fn add(&mut self, at: usize, message: impl Into<String>, cure: impl Into<String>) {
         if self.0.len() < FAULTS_MAX {
             self.0.push(Fault::new(at, message, cure));
@@ -42,6 +46,8 @@ pub(super) struct Table<'a> {
     pub(super) at: usize,
     pub(super) title: String,
     known: Vec<&'static str>,
+    /// Keys that were said not to be there.
+    lacking: Vec<&'static str>,
 }
 
 impl<'a> Table<'a> {
@@ -52,6 +58,7 @@ impl<'a> Table<'a> {
             at,
             title,
             known: Vec::new(),
+            lacking: Vec::new(),
         }
     }
 
@@ -65,7 +72,7 @@ impl<'a> Table<'a> {
     pub(super) fn text(&mut self, key: &'static str, faults: &mut Faults) -> Option<Text> {
         let (value, span) = self.get(key)?;
         let Some(content) = value.as_str() else {
-            let message = format!("`{key}` is a {}", value.type_str());
+            let message = format!("`{key}` is {}", kind(value));
             faults.add(span.start, message, "write a text in quotes");
             return None;
         };
@@ -101,10 +108,25 @@ impl<'a> Table<'a> {
         self.entries.iter().any(|(k, _)| k.get_ref() == key)
     }
 
-    fn missing(&mut self, key: &'static str, meaning: &str, faults: &mut Faults) {
+    /// Where the value of a key is.
+    pub(super) fn place(&self, key: &str) -> Option<usize> {
+        let (_, value) = self.entries.iter().find(|(k, _)| k.get_ref() == key)?;
+        Some(value.span().start)
+    }
+
+    /// Says that a key is not there. That is taken back where it was misspelt.
+    pub(super) fn missing(&mut self, key: &'static str, meaning: &str, faults: &mut Faults) {
         self.known.push(key);
-        let message = format!("{} has no `{key}`", self.title);
-        faults.add(self.at, message, meaning);
+        self.lacking.push(key);
+        faults.add(self.at, self.lack(key), meaning);
+    }
+
+    fn lack(&self, key: &str) -> String {
+        format!("{} has no `{key}`", self.title)
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.entries.is_empty()
     }
 
     /// A finite number that may be absent.
@@ -112,8 +134,15 @@ impl<'a> Table<'a> {
         let (value, span) = self.get(key)?;
         let found = number(value);
         if found.is_none() {
-            let message = format!("`{key}` is not a finite number");
-            faults.add(span.start, message, "write a number within +-1e308");
+            let (what, cure) = if matches!(value, DeValue::Float(_) | DeValue::Integer(_)) {
+                (
+                    "not a finite decimal number",
+                    "write a number within +-1e308",
+                )
+            } else {
+                (kind(value), "write a number, without quotes")
+            };
+            faults.add(span.start, format!("`{key}` is {what}"), cure);
         }
         Some(At {
             value: found?,
@@ -140,8 +169,8 @@ impl<'a> Table<'a> {
         if found.is_none() {
             faults.add(
                 span.start,
-                format!("`{key}` is not a switch"),
-                "write true or false",
+                format!("`{key}` is {}, not a switch", kind(value)),
+                "write true or false, without quotes",
             );
         }
         found
@@ -236,11 +265,28 @@ impl<'a> Table<'a> {
         for (key, _) in self.entries {
             let name: &str = key.get_ref();
             if !self.known.contains(&name) {
+                let known = || self.known.iter().copied();
+                if let Some(meant) = nearest(name, known()).filter(|k| self.lacking.contains(k)) {
+                    let (at, lack) = (self.at, self.lack(meant));
+                    faults.0.retain(|f| f.at != at || f.message != lack);
+                }
                 let message = format!("unknown key `{name:.60}` in {}", self.title);
-                let cure = suggestion(name, self.known.iter().copied());
-                faults.add(key.span().start, message, cure);
+                faults.add(key.span().start, message, suggestion(name, known()));
             }
         }
+    }
+}
+
+/// What a value is, for messages.
+fn kind(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a text",
+        DeValue::Integer(_) => "a whole number",
+        DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
     }
 }
 

@@ -8,12 +8,13 @@
 use super::{
     compile::STATES_MAX,
     program::{Flat, Scope, VARIABLES},
+    written::Written,
 };
 use crate::{
     load_model::{
         Infeasible, MotorCoordinates,
-        composed::{Instant, Rest, Step},
-        effect::{Declaration, Declared, Equations, Sensitivity},
+        composed::{Drive, Instant, Rest, Step},
+        effect::{Declaration, Declared, Equations, NoValue, Sensitivity},
         effects::relay,
     },
     numerics::{
@@ -49,6 +50,8 @@ pub(super) struct Formulas {
     pub(super) switched: Vec<(Switched, usize)>,
     /// Active and reactive power added.
     pub(super) power: Flat,
+    /// Every expression by itself, in the order of evaluation.
+    pub(super) written: Vec<Written>,
 }
 
 /// An effect that was read from a file.
@@ -67,10 +70,14 @@ impl Declared for UserEffect {
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         self.grid.clone()
     }
+
+    fn no_value(&self, p: &[f64], drive: &Drive<'_>) -> Option<NoValue> {
+        self.without_value(p, drive)
+    }
 }
 
 /// What states see: no time, no power.
-fn scope<'a, S: Elementary>(
+pub(super) fn scope<'a, S: Elementary>(
     p: &'a [S],
     x: &'a [S],
     [voltage, deviation]: [S; 2],
@@ -213,16 +220,16 @@ impl Formulas {
         }
     }
 
-    /// Values of the conditions of timers and latches at rest.
-    pub(super) fn conditions_at_rest(&self, p: &[f64], x: &[f64], rest: f64) -> Vec<f64> {
+    /// Values of the conditions of timers and latches at rest, each with its state.
+    pub(super) fn conditions_at_rest(&self, p: &[f64], x: &[f64], rest: f64) -> Vec<(usize, f64)> {
         let mut found = [0.0; STATES_MAX];
         self.conditions
             .evaluate(&scope(p, x, [1.0, 0.0], rest), &mut found);
         let mut conditions = Vec::new();
         let mut column = 0;
-        for (kind, _) in &self.switched {
+        for (kind, state) in &self.switched {
             if matches!(kind, Switched::Timer | Switched::Latch) {
-                conditions.push(found[column]);
+                conditions.push((*state, found[column]));
             }
             column += 1 + usize::from(*kind == Switched::Latch);
         }
@@ -248,14 +255,17 @@ impl Formulas {
 
     /// Fastest rate of the states at rest and in dips, 1/s.
     pub(super) fn rate_per_s(&self, p: &[f64]) -> f64 {
-        let rates = RATE_VOLTAGES.map(|v| self.rate_at(p, v));
-        // A maximum that keeps what is not a number.
-        let larger = |x: f64, y: f64| if y > x || y.is_nan() { y } else { x };
-        rates.into_iter().fold(0.0, larger)
+        self.fastest(p).0
     }
 
-    /// Largest row sum of the absolute derivatives of the slopes by the states at a voltage, 1/s.
-    fn rate_at(&self, p: &[f64], voltage: f64) -> f64 {
+    /// The same, and the place in `moving` of the state that is as fast.
+    pub(super) fn fastest(&self, p: &[f64]) -> (f64, usize) {
+        let rates = RATE_VOLTAGES.map(|v| self.rate_at(p, v));
+        rates.into_iter().fold((0.0, 0), faster)
+    }
+
+    /// Largest row sum of the absolute derivatives of the slopes by the states at a voltage, 1/s, and its row.
+    fn rate_at(&self, p: &[f64], voltage: f64) -> (f64, usize) {
         let constants: Vec<Sensitivity> = p.iter().map(|p| Sensitivity::constant(*p)).collect();
         let mut x = [Sensitivity::constant(0.0); STATES_MAX];
         self.at_rest(&constants, 0.0, &mut x);
@@ -265,9 +275,14 @@ impl Formulas {
         let at = [voltage, 0.0].map(Sensitivity::constant);
         let slopes = self.slopes::<Sensitivity, STATES_MAX>(&constants, &x, at, 0.0);
         let row = |s: &Sensitivity| s.derivatives().map(f64::abs).sum::<f64>();
-        let larger = |x: f64, y: f64| if y > x || y.is_nan() { y } else { x };
-        slopes.iter().map(row).fold(0.0, larger)
+        let rows = slopes.iter().enumerate().map(|(k, s)| (row(s), k));
+        rows.fold((0.0, 0), faster)
     }
+}
+
+/// A maximum that keeps what is not a number.
+fn faster(x: (f64, usize), y: (f64, usize)) -> (f64, usize) {
+    if y.0 > x.0 || y.0.is_nan() { y } else { x }
 }
 
 /// Voltages at which the rate of the states is looked at.

@@ -6,12 +6,13 @@ use toml::de::DeTable;
 use super::{
     check,
     compile::{Compiler, Kept, Target, narrow},
-    declared::{self, OwnedParameter, OwnedState},
+    declared::{self, Open, OwnedParameter, OwnedState},
     document::{FILE_BYTES_MAX, Faults, Table, Text},
     effect::{Formulas, Switched, UserEffect},
-    problem::{Fault, Problem},
+    problem::{self, Fault, Problem},
     program::{Operation, Place},
     unit::Unit,
+    written::Compiled,
 };
 use crate::load_model::effect::{
     Declaration, Effect, Exclusion, Kind, Needs, Parameter, Place as Acting, State,
@@ -31,6 +32,9 @@ pub struct EffectFile {
     parameters: Vec<OwnedParameter>,
     states: Vec<(String, String)>,
     formulas: Formulas,
+    warnings: Vec<Problem>,
+    /// Line and column of its name and of those of others.
+    places: Vec<(String, [usize; 2])>,
 }
 
 impl EffectFile {
@@ -61,10 +65,28 @@ impl EffectFile {
         &self.name
     }
 
+    /// What is sound but will not do for every site: expressions without a finite value in deep dips.
+    #[must_use]
+    pub fn warnings(&self) -> &[Problem] {
+        &self.warnings
+    }
+
     /// The effects it resembles or excludes.
     pub(in crate::load_model) fn others(&self) -> impl Iterator<Item = &str> {
         let excluded = self.excludes.iter().map(|(other, _)| other);
         self.resembles.iter().chain(excluded).map(String::as_str)
+    }
+
+    /// Line and column of its name, or of one of [`Self::others`].
+    pub(super) fn place_of(&self, name: &str) -> [usize; 2] {
+        let found = self.places.iter().find(|(known, _)| known == name);
+        found.map_or([1, 1], |(_, place)| *place)
+    }
+
+    /// Takes out every reference to another effect.
+    pub(super) fn forget(&mut self, other: &str) {
+        self.resembles.retain(|name| name != other);
+        self.excludes.retain(|(name, _)| name != other);
     }
 
     /// Makes an effect of it that lives as long as the program: its memory, a few kilobytes, is
@@ -163,16 +185,24 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
     let mut root = Table::new(text, document.get_ref(), 0, "the file".to_owned());
     let header = header(&mut root, faults);
     let (needs, separating_event) = needs(root.section("needs", faults), faults);
-    let parameters = declared::parameters(root.sections("parameters", faults), 0, faults);
-    let states = declared::states(root.sections("states", faults), faults);
+    let before = faults.0.len();
+    let tables = ["parameters", "states"].map(|key| root.sections(key, faults));
+    if tables[0].is_empty() && faults.0.len() == before {
+        root.missing("parameters", declared::AMPLITUDE_NEEDED, faults);
+    }
+    let count = tables.iter().map(Vec::len).sum();
+    let [parameters, states] = tables;
+    let parameters = declared::parameters(parameters, 0, faults);
+    let states = declared::states(states, faults);
+    let open = Open::new((&parameters, &states), count);
     let symbols = declared::symbols(&parameters, &states, faults);
     let spelled_out = parameters
         .iter()
         .map(|p| (p.name.clone(), p.symbol.clone()));
     let mut compiler = Compiler::new(symbols, spelled_out.collect());
-    let places = expressions(&mut root, &states, &mut compiler, faults);
+    let expressions = expressions(&mut root, &states, (&mut compiler, open), faults);
     root.finish(faults);
-    let (initial_places, rate_places, power_places) = places?;
+    let expressions = expressions?;
     if !faults.0.is_empty() {
         return None;
     }
@@ -187,16 +217,20 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
     let declared: Vec<Text> = names;
     unused_states(
         &declared,
-        compiler.used_states(power_places, &rate_places),
+        compiler.used_states(expressions.power, &expressions.rates),
         faults,
     );
-    let formulas = formulas(compiler, [&initial_places, &rate_places], power_places);
+    let formulas = formulas(compiler, expressions);
     let formulas = formulas
         .map_err(|f| faults.add(0, f.message, f.cure))
         .ok()?;
-    check::physics(&formulas, &parameters, &all, power_at(text), faults);
+    let warning = check::physics(&formulas, &parameters, &all, faults);
     let header = header?;
+    let places = header.places.into_iter();
     Some(EffectFile {
+        places: places
+            .map(|name| (name.value, problem::place(text, name.at)))
+            .collect(),
         name: header.name,
         title: header.title,
         source: header.source,
@@ -208,12 +242,8 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
         parameters,
         states: all,
         formulas,
+        warnings: warning.into_iter().map(|w| w.place(text)).collect(),
     })
-}
-
-/// Where faults of the physics are shown.
-fn power_at(text: &str) -> usize {
-    text.find("[power]").unwrap_or(0)
 }
 
 struct Header {
@@ -223,6 +253,8 @@ struct Header {
     version: u32,
     resembles: Vec<String>,
     excludes: Vec<(String, String)>,
+    /// Its name and those of others.
+    places: Vec<Text>,
 }
 
 fn header(root: &mut Table<'_>, faults: &mut Faults) -> Option<Header> {
@@ -256,16 +288,22 @@ fn header(root: &mut Table<'_>, faults: &mut Faults) -> Option<Header> {
             let ending = "the end of the sentence \"cannot be combined, because ...\"";
             let reason = table.needed_text("reason", ending, faults);
             table.finish(faults);
-            Some((other?.value, reason?.value))
+            Some((other?, reason?.value))
         });
-    let excludes = excludes.collect();
+    let excludes: Vec<(Text, String)> = excludes.collect();
+    let name = name?;
+    let others = excludes.iter().map(|(other, _)| other);
+    let places = [&name].into_iter().chain(&resembles).chain(others);
     Some(Header {
-        name: name?.value,
+        places: places.cloned().collect(),
+        name: name.value,
         title: title?.value,
         source: source?.value,
         version: version?,
         resembles: resembles.into_iter().map(|r| r.value).collect(),
-        excludes,
+        excludes: (excludes.into_iter())
+            .map(|(other, reason)| (other.value, reason))
+            .collect(),
     })
 }
 
@@ -317,68 +355,111 @@ fn needs(table: Option<Table<'_>>, faults: &mut Faults) -> (Needs, String) {
     (needs, event.map_or(default, |e| e.value))
 }
 
-type Places = (Vec<Place>, Vec<Place>, [Place; 2]);
+/// All expressions of a file as they were compiled.
+struct Expressions {
+    initial: Vec<Place>,
+    rates: Vec<Place>,
+    /// Active and reactive power added.
+    power: [Place; 2],
+    /// In the order of evaluation.
+    compiled: Vec<Compiled>,
+}
+
+/// Compiles one expression after the other.
+struct Gathering<'c> {
+    compiler: &'c mut Compiler,
+    open: Open,
+    compiled: Vec<Compiled>,
+}
+
+impl Gathering<'_> {
+    fn compile(
+        &mut self,
+        key: String,
+        text: Option<&Text>,
+        (target, unit): (Target, Unit),
+        faults: &mut Faults,
+    ) -> Option<Place> {
+        let text = text?;
+        let before = self.compiler.kept.len();
+        match self.compiler.compile(&text.value, target, unit) {
+            Ok(place) => {
+                self.compiled.push(Compiled {
+                    key,
+                    text: text.clone(),
+                    target,
+                    place,
+                    functions: before..self.compiler.kept.len(),
+                });
+                Some(place)
+            }
+            Err(fault) => {
+                if !self.open.explains(&text.value, &fault) {
+                    faults.add(text.at + fault.at, fault.message, fault.cure);
+                }
+                None
+            }
+        }
+    }
+}
 
 fn expressions(
     root: &mut Table<'_>,
     states: &[OwnedState],
-    compiler: &mut Compiler,
+    (compiler, open): (&mut Compiler, Open),
     faults: &mut Faults,
-) -> Option<Places> {
-    let mut compile = |text: Option<&Text>, target, unit, faults: &mut Faults| {
-        let text = text?;
-        let outcome = compiler.compile(&text.value, target, unit);
-        outcome
-            .map_err(|f| faults.add(text.at + f.at, f.message, f.cure))
-            .ok()
+) -> Option<Expressions> {
+    let mut all = Gathering {
+        compiler,
+        open,
+        compiled: Vec::new(),
     };
-    let mut initial = Vec::new();
-    let mut rates = Vec::new();
+    let (mut initial, mut rates) = (Vec::new(), Vec::new());
     for state in states {
         let unit = state.measure;
-        initial.push(compile(
-            state.initial.as_ref(),
-            Target::Initial,
-            unit,
-            faults,
-        ));
+        let name = &state.name.value;
+        let key = format!("initial value of state `{name}`");
+        let text = state.initial.as_ref();
+        initial.push(all.compile(key, text, (Target::Initial, unit), faults));
         let per_second = unit.over(Unit::SECOND).unwrap_or(unit);
-        rates.push(compile(
-            state.derivative.as_ref(),
-            Target::Rates,
-            per_second,
-            faults,
-        ));
+        let key = format!("derivative of state `{name}`");
+        let text = state.derivative.as_ref();
+        rates.push(all.compile(key, text, (Target::Rates, per_second), faults));
     }
-    let [active, reactive, motor, fixed] = power(root, faults)?;
+    let power = power(root, faults)?;
     let mut places = [None; 4];
-    for (place, text) in places.iter_mut().zip([&active, &reactive, &motor, &fixed]) {
+    for ((place, text), key) in places.iter_mut().zip(&power).zip(POWER_KEYS) {
         if text.is_some() {
-            *place = Some(compile(text.as_ref(), Target::Power, Unit::ONE, faults)?);
+            let of_power = (Target::Power, Unit::ONE);
+            *place = Some(all.compile(key.to_owned(), text.as_ref(), of_power, faults)?);
         }
     }
     let initial: Option<Vec<Place>> = initial.into_iter().collect();
     let rates: Option<Vec<Place>> = rates.into_iter().collect();
-    let sums = compiler.added_power(places);
-    let sums = sums
-        .map_err(|f| faults.add(root.at, f.message, f.cure))
-        .ok()?;
-    Some((initial?, rates?, sums))
+    let sums = all.compiler.added_power(places);
+    let sums = sums.map_err(|f| faults.add(root.at, f.message, f.cure));
+    Some(Expressions {
+        initial: initial?,
+        rates: rates?,
+        power: sums.ok()?,
+        compiled: all.compiled,
+    })
 }
 
+/// Keys of `[power]`.
+const POWER_KEYS: [&str; 4] = ["active", "reactive", "motor_factor", "static_factor"];
 const POWER: &str = "give active, reactive, motor_factor or static_factor";
 
 /// The expressions for active and reactive power and for the factors of motors and static part.
 fn power(root: &mut Table<'_>, faults: &mut Faults) -> Option<[Option<Text>; 4]> {
     let Some(mut table) = root.section("power", faults) else {
         if !root.has("power") {
-            faults.add(root.at, "the file has no [power]", POWER);
+            root.missing("power", POWER, faults);
         }
         return None;
     };
-    let keys = ["active", "reactive", "motor_factor", "static_factor"];
-    let found = keys.map(|key| table.text(key, faults));
-    if keys.iter().all(|key| !table.has(key)) {
+    let found = POWER_KEYS.map(|key| table.text(key, faults));
+    if table.is_empty() {
         faults.add(table.at, "[power] says nothing", POWER);
     }
     table.finish(faults);
@@ -386,13 +467,14 @@ fn power(root: &mut Table<'_>, faults: &mut Faults) -> Option<[Option<Text>; 4]>
 }
 
 /// Programs ready for evaluation.
-fn formulas(
-    mut compiler: Compiler,
-    [initial, rates]: [&[Place]; 2],
-    power: [Place; 2],
-) -> Result<Formulas, Fault> {
+fn formulas(mut compiler: Compiler, expressions: Expressions) -> Result<Formulas, Fault> {
+    let Expressions {
+        initial,
+        mut rates,
+        power,
+        compiled,
+    } = expressions;
     let mut moving: Vec<usize> = (0..rates.len()).collect();
-    let mut rates = rates.to_vec();
     let (mut rest, mut switched, mut conditions) = (Vec::new(), Vec::new(), Vec::new());
     for (kept, state) in compiler.kept.clone() {
         let starts = match kept {
@@ -417,13 +499,14 @@ fn formulas(
     }
     Ok(Formulas {
         states: compiler.states(),
-        initial: compiler.flat(Target::Initial, initial),
+        initial: compiler.flat(Target::Initial, &initial),
         rest,
         rates: compiler.flat(Target::Rates, &rates),
         moving,
         conditions: compiler.flat(Target::Conditions, &conditions),
         switched,
         power: compiler.flat(Target::Power, &power),
+        written: compiled.into_iter().map(|c| c.written(&compiler)).collect(),
     })
 }
 

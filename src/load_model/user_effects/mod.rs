@@ -8,6 +8,7 @@
 
 mod check;
 mod compile;
+mod course;
 mod declared;
 mod document;
 mod effect;
@@ -17,7 +18,9 @@ mod lexer;
 mod parser;
 mod problem;
 mod program;
+mod together;
 mod unit;
+mod written;
 
 #[cfg(test)]
 mod hostile;
@@ -27,3 +30,5 @@ mod tests;
 pub use document::FILE_BYTES_MAX;
 pub use file::EffectFile;
 pub use problem::Problem;
+pub(in crate::load_model) use problem::nearest;
+pub use together::conflicts;

@@ -10,6 +10,8 @@ use super::{
     unit::Unit,
 };
 
+/// How a message about a name begins that is neither declared nor a variable.
+pub(super) const UNKNOWN_VARIABLE: &str = "unknown variable";
 /// Deepest nesting of brackets, signs and arguments.
 pub(super) const NESTING_MAX: usize = 32;
 
@@ -160,7 +162,7 @@ impl Reader<'_> {
     }
 
     fn unknown(&self, name: &str, at: usize) -> Fault {
-        let message = format!("unknown variable `{name}`");
+        let message = format!("{UNKNOWN_VARIABLE} `{name}`");
         let spelled = self.compiler.spelled_out.iter().find(|(n, _)| n == name);
         if let Some((_, symbol)) = spelled {
             return Fault::new(at, message, format!("its symbol is `{symbol}`"));
@@ -200,11 +202,15 @@ impl Reader<'_> {
 
     /// An operation on two values of one unit.
     fn alike(&mut self, f: Binary, [x, y]: [Value; 2], at: usize) -> Result<Value, Fault> {
-        if x.unit != y.unit {
+        if !x.unit.agrees(y.unit) {
             let message = format!("units differ: {} and {}", x.unit, y.unit);
             return Err(Fault::new(at, message, unit_cure()));
         }
-        self.emit(Operation::Binary(f, x.place, y.place), x.unit, at)
+        self.emit(
+            Operation::Binary(f, x.place, y.place),
+            x.unit.or(y.unit),
+            at,
+        )
     }
 
     fn product(
@@ -346,7 +352,7 @@ impl Reader<'_> {
         outside: Target,
     ) -> Result<Value, Fault> {
         let seconds = |value: Value| {
-            if value.unit == Unit::SECOND {
+            if value.unit.agrees(Unit::SECOND) {
                 return Ok(());
             }
             let message = format!("the second argument has the unit {}, not s", value.unit);
@@ -381,7 +387,7 @@ impl Reader<'_> {
 
 /// Refuses a value with a unit.
 fn pure(value: Value, what: &str, at: usize) -> Result<(), Fault> {
-    if value.unit == Unit::ONE {
+    if value.unit.agrees(Unit::ONE) {
         return Ok(());
     }
     let message = format!("{what} has the unit {}", value.unit);

@@ -15,6 +15,18 @@ pub struct Problem {
     pub cure: String,
 }
 
+impl Problem {
+    /// At a line and column.
+    pub(super) fn at([line, column]: [usize; 2], message: String, cure: String) -> Self {
+        Self {
+            line,
+            column,
+            message,
+            cure,
+        }
+    }
+}
+
 impl Display for Problem {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}: {}", self.line, self.column, self.message)?;
@@ -44,27 +56,36 @@ impl Fault {
 
     /// With line and column in the text.
     pub(super) fn place(self, text: &str) -> Problem {
-        let before = text.get(..self.at).unwrap_or(text);
-        let line_start = before.rfind('\n').map_or(0, |i| i + 1);
-        Problem {
-            line: 1 + before.matches('\n').count(),
-            column: 1 + before[line_start..].chars().count(),
-            message: self.message,
-            cure: self.cure,
-        }
+        Problem::at(place(text, self.at), self.message, self.cure)
     }
+}
+
+/// Line and column of a byte, from 1.
+pub(super) fn place(text: &str, at: usize) -> [usize; 2] {
+    let before = text.get(..at).unwrap_or(text);
+    let line_start = before.rfind('\n').map_or(0, |i| i + 1);
+    let line = 1 + before.matches('\n').count();
+    [line, 1 + before[line_start..].chars().count()]
 }
 
 /// `did you mean ...?` when a known name is close, otherwise the list of what is known.
 pub(super) fn suggestion<'a>(name: &str, known: impl Iterator<Item = &'a str> + Clone) -> String {
+    match nearest(name, known.clone()) {
+        Some(k) => format!("did you mean `{k}`?"),
+        None => format!("known: {}", known.collect::<Vec<_>>().join(", ")),
+    }
+}
+
+/// The known name that is close to another.
+pub(in crate::load_model) fn nearest<'a>(
+    name: &str,
+    known: impl Iterator<Item = &'a str>,
+) -> Option<&'a str> {
     let nearest = known
-        .clone()
         .map(|k| (distance(name, k), k))
         .min_by_key(|(d, _)| *d);
-    match nearest {
-        Some((d, k)) if d <= 1 + name.chars().count() / 4 => format!("did you mean `{k}`?"),
-        _ => format!("known: {}", known.collect::<Vec<_>>().join(", ")),
-    }
+    let close = |(d, _): &(usize, &str)| *d <= 1 + name.chars().count() / 4;
+    nearest.filter(close).map(|(_, k)| k)
 }
 
 /// Edit distance, where a change of case costs nothing beyond 1 in all. Names longer than 64
