@@ -2,10 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Config, Problem, Problems};
+use super::{Config, Problem, Problems, SiteConfig};
 use crate::{
     adapters::effect_files,
-    load_model::{Ranges, Structure, effects, user_effects::EffectFile},
+    load_model::{
+        RangeError, Ranges, Structure, effects,
+        user_effects::{EffectFile, conflicts},
+    },
 };
 
 impl Config {
@@ -21,7 +24,16 @@ impl Config {
         let files = self.sound_files(more, &mut list);
         // What an unsound file would have declared cannot be asked for: its absence says nothing.
         if list.is_empty() {
+            let paths: Vec<&PathBuf> = self.effect_files.iter().chain(more).collect();
+            let apart = conflicts(&files);
+            list.extend(apart.iter().map(|(number, told)| {
+                let path = paths
+                    .get(*number)
+                    .map_or_else(String::new, |p| p.display().to_string());
+                problem("effects.files", format!("{path}:{told}"))
+            }));
             if !files.is_empty()
+                && list.is_empty()
                 && let Err(error) = effects::register(files)
             {
                 list.push(problem("effects.files", error.to_string()));
@@ -61,16 +73,36 @@ impl Config {
                 let message = format!("`{}`: {error}", site.site.name);
                 list.push(problem("site.structure", message));
             }
-            for error in Ranges::new(site.parameters.clone())
-                .err()
-                .into_iter()
-                .flatten()
-            {
-                let message = format!("`{}`: {error}", site.site.name);
-                list.push(problem("site.parameter", message));
-            }
+            list.extend(parameters(site));
         }
     }
+}
+
+/// What is wrong with the parameters of a site, each at its place.
+fn parameters(site: &SiteConfig) -> Vec<Problem> {
+    let mut found = Vec::new();
+    for (k, range) in site.parameters.iter().enumerate() {
+        let mut errors = Ranges::new(vec![range.clone()]).err().unwrap_or_default();
+        if site.parameters[..k]
+            .iter()
+            .any(|earlier| earlier.name == range.name)
+        {
+            let name = range.name.clone();
+            errors.push(RangeError::Twice { name });
+        }
+        let places = site.parameter_places.get(k);
+        found.extend(errors.into_iter().map(|error| {
+            let place = places.and_then(|places| places.get(error.key()));
+            let (line, column) = place.copied().unwrap_or_default();
+            let message = format!("`{}`: {error}", site.site.name);
+            Problem {
+                line,
+                column,
+                ..problem(&format!("site.parameter.{}", error.key()), message)
+            }
+        }));
+    }
+    found
 }
 
 fn read(path: &Path) -> Result<EffectFile, Vec<String>> {
@@ -133,7 +165,19 @@ mod tests {
         let told = config.register_effects(&[], "c.toml").unwrap_err();
         let told = told.to_string();
         assert!(
-            told.contains("`north`: `second_motor.inertia_s`: upper is 60"),
+            told.starts_with(
+                "c.toml:9:9: site.parameter.upper: `north`: `second_motor.inertia_s`: upper is 60"
+            ),
+            "{told}"
+        );
+        let renamed = text(0.9).replace("second_motor.inertia_s", "M");
+        let told = Config::parse(&renamed, "c.toml").unwrap();
+        let told = told
+            .register_effects(&[], "c.toml")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            told.starts_with("c.toml:7:8: site.parameter.name: `north`: `M` is not set here"),
             "{told}"
         );
     }

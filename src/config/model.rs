@@ -1,6 +1,6 @@
 //! What a configuration says, by section. Everything here has been checked already.
 
-use std::{net::SocketAddr, path::PathBuf, time::Duration};
+use std::{collections::BTreeMap, net::SocketAddr, path::PathBuf, time::Duration};
 
 use crate::{
     adapters::c37118::{LoadMapping, PhasorSet, PowerSource},
@@ -59,6 +59,7 @@ impl Config {
             screening: self.screening,
             structure: self.identification.structure.clone(),
             parameters: Vec::new(),
+            parameter_places: Vec::new(),
             recordings: Vec::new(),
             streams: Vec::new(),
         }
@@ -388,6 +389,8 @@ pub struct SiteConfig {
     pub structure: Vec<String>,
     /// Bounds and priors of parameters, as the file gives them.
     pub parameters: Vec<ParameterRange>,
+    /// Where the keys of each of them are in the file: line and character, from 1.
+    pub parameter_places: Vec<BTreeMap<&'static str, (usize, usize)>>,
     /// How recorders' files are read; names are unique within the site.
     pub recordings: Vec<RecordingConfig>,
     /// How C37.118 frames are read; names are unique within the site.

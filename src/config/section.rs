@@ -263,6 +263,15 @@ impl<'a> Section<'a> {
         table
     }
 
+    /// Line and character of a key's value, or of the table where it has none.
+    pub(super) fn place_of(&self, name: &str) -> (usize, usize) {
+        let value = self.table.and_then(|table| table.get(name));
+        place(
+            self.text,
+            value.map_or(self.span.start, |value| value.span().start),
+        )
+    }
+
     /// Says that a key that must be there is not.
     pub(super) fn require(&mut self, name: &'static str, allowed: &str) {
         if !self.is_present(name) {

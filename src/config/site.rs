@@ -40,7 +40,7 @@ pub(super) fn sites(sections: Vec<Section<'_>>, config: &mut Config) -> Findings
         structure(&mut section, &mut site.structure);
         findings.add(detection(section.section("detection"), &mut site.detection));
         findings.add(screening(section.section("screening"), &mut site.screening));
-        findings.add(parameters(&mut section, &mut site.parameters));
+        findings.add(parameters(&mut section, &mut site));
         findings.add(recordings(&mut section, &mut site));
         findings.add(c37118::streams(&mut section, &mut site));
         findings.add(section.finish());
@@ -88,7 +88,7 @@ fn streams(section: &mut Section<'_>, to: &mut ConcentratorOptions) {
 }
 
 /// Whether the names are parameters, and the figures admissible, is looked at when all effects are known.
-fn parameters(section: &mut Section<'_>, to: &mut Vec<ParameterRange>) -> Findings {
+fn parameters(section: &mut Section<'_>, to: &mut SiteConfig) -> Findings {
     const ANY: (f64, f64) = (-1e9, 1e9);
     let mut findings = Findings::default();
     for mut section in section.sections("parameter") {
@@ -99,8 +99,11 @@ fn parameters(section: &mut Section<'_>, to: &mut Vec<ParameterRange>) -> Findin
         section.number_if_given("upper", &mut range.upper, ANY);
         section.number_if_given("centre", &mut range.centre, ANY);
         section.number_if_given("deviation", &mut range.deviation, (1e-9, 1e9));
+        let keys = ["name", "lower", "upper", "centre", "deviation"];
+        let places = keys.map(|key| (key, section.place_of(key)));
         findings.add(section.finish());
-        to.push(range);
+        to.parameters.push(range);
+        to.parameter_places.push(places.into_iter().collect());
     }
     findings
 }

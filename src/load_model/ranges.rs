@@ -8,6 +8,7 @@ use super::{
     composed::BASE,
     effect::{Parameter, Role, Scale},
     effects::{STATIC_LAG, catalogue},
+    user_effects::nearest,
 };
 
 /// Bounds and prior of one parameter at one site; what is `None` stays as declared.
@@ -35,11 +36,11 @@ pub struct Ranges(Vec<ParameterRange>);
 #[non_exhaustive]
 pub enum RangeError {
     /// No such parameter.
-    #[error("unknown parameter `{name}`; near it: {near}")]
+    #[error("unknown parameter `{name}`; {near}")]
     Unknown {
         /// The name.
         name: String,
-        /// Parameters that are known and resemble it.
+        /// What may have been meant, or what is known.
         near: String,
     },
     /// The same parameter twice.
@@ -48,11 +49,13 @@ pub enum RangeError {
         /// The name.
         name: String,
     },
-    /// A coordinate of the search.
-    #[error("`{name}` is a coordinate of the search, whose box is the same for every site")]
-    Coordinate {
+    /// A coordinate of the search, or what is computed from others.
+    #[error("`{name}` is not set here: {from}")]
+    Computed {
         /// The name.
         name: String,
+        /// From what it comes.
+        from: &'static str,
     },
     /// A bound that is none or beyond the declared ones.
     #[error("`{name}`: {key} is {value}, which must lie within {lower} to {upper}")]
@@ -108,6 +111,19 @@ pub enum RangeError {
     },
 }
 
+impl RangeError {
+    /// The key of a `[[site.parameter]]` that is at fault.
+    #[must_use]
+    pub const fn key(&self) -> &'static str {
+        match self {
+            Self::Unknown { .. } | Self::Twice { .. } | Self::Computed { .. } => "name",
+            Self::Outside { key, .. } => key,
+            Self::Empty { .. } | Self::CannotVanish { .. } | Self::Count { .. } => "lower",
+            Self::Deviation { .. } | Self::NoPrior { .. } => "deviation",
+        }
+    }
+}
+
 /// The declaration of a parameter by its name in a set.
 fn declared(name: &str) -> Option<Parameter> {
     let base = BASE.iter().chain([&STATIC_LAG.1]);
@@ -124,31 +140,83 @@ fn declared(name: &str) -> Option<Parameter> {
     })
 }
 
-/// Names that share the effect, or the parameter, with an unknown one.
+/// What an unknown name may have meant, or what there is.
 fn near(name: &str) -> String {
-    const SHOWN_MAX: usize = 8;
-    let (effect, own) = name.split_once('.').unwrap_or((name, name));
-    let base = BASE
-        .iter()
-        .filter(|p| p.role == Role::Base && !is_coordinate(p));
-    let base = base.map(|p| p.name.to_owned());
-    let of_effects = catalogue().iter().flat_map(|e| {
-        let d = e.declaration();
-        let parts = d.parameters.iter();
-        parts.map(|p| match p.role {
-            Role::Shared => p.name.to_owned(),
-            _ => format!("{}.{}", d.name, p.name),
-        })
-    });
-    let known: Vec<String> = base.chain(of_effects).collect();
-    let like = |k: &&String| k.starts_with(effect) || k.ends_with(own);
-    let mut found: Vec<&str> = known.iter().filter(like).map(String::as_str).collect();
-    found.dedup();
-    if found.is_empty() {
-        found = known.iter().map(String::as_str).collect();
+    /// Parameters of sets have short names of their own.
+    const IN_SETS: [(&str, &str); 1] = [("Kpm", "motor_share")];
+    let base = BASE.iter().filter(|p| !is_coordinate(p));
+    let base: Vec<&str> = base.chain([&STATIC_LAG.1]).map(|p| p.name).collect();
+    let (mut shared, mut own) = (Vec::new(), Vec::new());
+    for d in catalogue().iter().map(|e| e.declaration()) {
+        for p in d.parameters {
+            match p.role {
+                Role::Shared => shared.push(p.name.to_owned()),
+                _ => own.push(format!("{}.{}", d.name, p.name)),
+            }
+        }
     }
-    found.truncate(SHOWN_MAX);
-    found.join(", ")
+    shared.sort();
+    shared.dedup();
+    let of_all = shared.iter().chain(&own).map(String::as_str);
+    let of_all = base.iter().copied().chain(of_all);
+    let in_sets = IN_SETS.iter().find(|(short, _)| *short == name);
+    if let Some(meant) = in_sets
+        .map(|(_, long)| *long)
+        .or_else(|| nearest(name, of_all))
+    {
+        return format!("did you mean `{meant}`?");
+    }
+    let (effect, last) = name.split_once('.').unwrap_or(("", name));
+    let of_effect = |known: &&String| known.split_once('.').is_some_and(|(e, _)| e == effect);
+    let known: Vec<&str> = own.iter().filter(of_effect).map(String::as_str).collect();
+    if !known.is_empty() {
+        return format!("`{effect}` has {}", known.join(", "));
+    }
+    let same = |known: &&String| known.split_once('.').is_some_and(|(_, p)| p == last);
+    let same: Vec<&str> = own.iter().filter(same).map(String::as_str).collect();
+    if effect.is_empty() && !same.is_empty() {
+        return format!("with its effect it is one of {}", same.join(", "));
+    }
+    format!(
+        "known are {}, {}, and EFFECT.PARAMETER as `loadmodeld effects list` tells them",
+        base.join(", "),
+        shared.join(", ")
+    )
+}
+
+/// Names in a parameter set of what is computed from other parameters, and from which.
+const COMPUTED: [(&[&str], &str); 3] = [
+    (
+        &[
+            "M",
+            "T0_prime",
+            "X",
+            "X_prime",
+            "inertia_h",
+            "H",
+            "slip",
+            "ln_alpha",
+            "ln_nu",
+            "kappa",
+        ],
+        "the first motor is sought in `ln_alpha`, `ln_nu` and `kappa`, from which its constants are computed and whose \
+         box is the same for every site (decision 0025); of motors, only those of effects (`second_motor.inertia_s`) are \
+         set here",
+    ),
+    (
+        &["Pz", "Pi", "Pp"],
+        "it is computed from `active_quadratic` and `active_linear`, which take bounds",
+    ),
+    (
+        &["Qz", "Qi", "Qq"],
+        "it is computed from `reactive_quadratic` and `reactive_linear`, which take bounds",
+    ),
+];
+
+fn computed(name: &str) -> Option<&'static str> {
+    let own = name.strip_prefix("induction_motor.").unwrap_or(name);
+    let found = COMPUTED.iter().find(|(names, _)| names.contains(&own));
+    found.map(|(_, from)| *from)
 }
 
 /// `ln_alpha`, `ln_nu`, `kappa`.
@@ -159,14 +227,14 @@ fn is_coordinate(declared: &Parameter) -> bool {
 impl ParameterRange {
     fn check(&self) -> Result<(), RangeError> {
         let name = || self.name.clone();
+        if let Some(from) = computed(&self.name) {
+            return Err(RangeError::Computed { name: name(), from });
+        }
         let Some(declared) = declared(&self.name) else {
             let near = near(&self.name);
             return Err(RangeError::Unknown { name: name(), near });
         };
         let is_base = declared.role == Role::Base;
-        if is_base && is_coordinate(&declared) {
-            return Err(RangeError::Coordinate { name: name() });
-        }
         if is_base && (self.centre.is_some() || self.deviation.is_some()) {
             return Err(RangeError::NoPrior { name: name() });
         }
@@ -376,8 +444,33 @@ mod tests {
             ..ParameterRange::default()
         };
         for (given, expected) in [
-            (range("second_motor.slpi", 0.1, 0.2), "second_motor.slip"),
-            (range("kappa", 0.1, 0.2), "coordinate of the search"),
+            (
+                range("second_motor.slpi", 0.1, 0.2),
+                "did you mean `second_motor.slip`?",
+            ),
+            (
+                range("second_motor.size_of_it", 0.1, 0.2),
+                "`second_motor` has second_motor.share",
+            ),
+            (
+                range("motor_sahre", 0.1, 0.2),
+                "did you mean `motor_share`?",
+            ),
+            (range("Kpm", 0.1, 0.2), "did you mean `motor_share`?"),
+            (
+                range("inertia_s", 0.1, 0.2),
+                "with its effect it is one of second_motor.inertia_s",
+            ),
+            (
+                range("colour", 0.1, 0.2),
+                "known are motor_share, active_quadratic",
+            ),
+            (
+                range("kappa", 0.1, 0.2),
+                "`kappa` is not set here: the first motor",
+            ),
+            (range("X_prime", 0.1, 0.2), "(decision 0025)"),
+            (range("Pz", 0.1, 0.2), "`active_quadratic` and"),
             (range("motor_reactance", 0.1, 2.0), "within 1.2 to 5"),
             (range("motor_reactance", 3.0, 2.0), "leaves nothing"),
             (range("second_motor.share", 0.1, 0.2), "vanish at 0"),
