@@ -97,6 +97,7 @@ fn print(done: &Improvement, seconds: f64, out: &mut dyn Write) -> io::Result<()
     diagnosing::print_answer(&done.last, out)?;
     diagnosing::print_events(&done.last, out)?;
     print_staircase(done, out)?;
+    print_notes(done, out)?;
     diagnosing::print_failures(&done.last, out)?;
     diagnosing::print_candidates(&done.last, out)?;
     diagnosing::print_limits(&done.last, out)?;
@@ -143,6 +144,15 @@ fn print_staircase(done: &Improvement, out: &mut dyn Write) -> io::Result<()> {
     }
     diagnosing::print_origin_of_errors(&done.last.events, out)?;
     print_reasons(done, out)
+}
+
+/// What a reader should know of the values of the last step.
+fn print_notes(done: &Improvement, out: &mut dyn Write) -> io::Result<()> {
+    let last = done.steps.last();
+    for note in last.into_iter().flat_map(|step| &step.set.notes) {
+        writeln!(out, "note: {note}")?;
+    }
+    Ok(())
 }
 
 /// What each diagnosis on the way said: a step may be taken although the error on the gate rises.
@@ -224,8 +234,17 @@ mod tests {
     #[test]
     fn the_staircase_has_a_bar_for_each_step_and_the_floor_in_each() {
         let mut out = Vec::new();
-        print(&diagnosis_fixture::improvement(), 1.5, &mut out).unwrap();
+        let mut done = diagnosis_fixture::improvement();
+        let last = done.steps.last_mut().unwrap();
+        last.set
+            .notes
+            .push("one and two describe much the same".to_owned());
+        print(&done, 1.5, &mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
+        assert!(
+            text.contains("\nnote: one and two describe much the same\n"),
+            "{text}"
+        );
         let bars: Vec<&str> = text.lines().filter(|line| line.contains("##")).collect();
         assert_eq!(bars.len(), 2, "{text}");
         assert!(bars[0].starts_with("start") && bars[1].starts_with("+ electronic_load_dropout"));

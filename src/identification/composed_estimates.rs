@@ -12,7 +12,8 @@ use super::{
 };
 use crate::load_model::{
     composed::ModelParameter,
-    effect::{Role, Scale},
+    effect::{Declaration, Role, Scale},
+    effects,
 };
 
 /// A parameter within this share of its range of a bound lies on it.
@@ -43,7 +44,41 @@ pub(super) fn composed_estimates(
         let estimate = effect_estimate(fit, index, parameter, scale);
         estimates.parameters.push(estimate);
     }
+    let effects: Vec<&str> = fit.model.effect_names().collect();
+    let unseparated = unseparated(&effects, &estimates.parameters);
+    estimates.notes.extend(unseparated);
     (estimates, precision)
+}
+
+/// Pairs of effects that resemble each other where an amplitude of one is not determined, in words.
+fn unseparated(names: &[&str], parameters: &[ParameterEstimate]) -> Vec<String> {
+    let found: Vec<_> = names
+        .iter()
+        .filter_map(|name| effects::find(name))
+        .collect();
+    let open = |declared: &Declaration| {
+        let first = declared.parameters.iter().find(|p| p.is_amplitude())?;
+        let name = format!("{}.{}", declared.name, first.name);
+        let estimate = parameters.iter().find(|p| p.name == name)?;
+        estimate.standard_error.is_none().then_some(name)
+    };
+    let mut notes = Vec::new();
+    for (k, one) in found.iter().enumerate() {
+        for other in &found[k + 1..] {
+            let (one, other) = (one.declaration(), other.declaration());
+            let Some(name) = open(other).or_else(|| open(one)) else {
+                continue;
+            };
+            if one.is_like(other) {
+                notes.push(format!(
+                    "{} and {} describe much the same, and these events do not separate them: {name} is not determined; \
+                     the values of both hold together only",
+                    one.name, other.name
+                ));
+            }
+        }
+    }
+    notes
 }
 
 /// The parameters of one effect in a composed fit; none where the model has no such effect.
@@ -135,4 +170,52 @@ fn rank_and_condition(fit: &ComposedFit) -> (usize, f64) {
     let eigenvalues = scaled.symmetric_eigenvalues();
     let (least, largest) = (eigenvalues.min(), eigenvalues.max());
     (size, (largest / least.max(f64::MIN_POSITIVE)).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn amplitude(name: &str, standard_error: Option<f64>) -> ParameterEstimate {
+        ParameterEstimate {
+            name: name.to_owned(),
+            meaning: String::new(),
+            value: 0.1,
+            unit: "1".to_owned(),
+            lower: 0.0,
+            upper: 1.0,
+            standard_error,
+            at_bound: false,
+            identifiable: standard_error.is_some(),
+            interval: None,
+        }
+    }
+
+    #[test]
+    fn a_pair_that_is_not_separated_has_a_note() {
+        let names = [
+            "self_disconnection",
+            "electronic_load_dropout",
+            "tap_changer",
+        ];
+        let told = |errors: [Option<f64>; 3]| {
+            let of = |(name, error): (&&str, Option<f64>)| {
+                let own = effects::find(name)?.declaration().parameters.iter();
+                let first = own.clone().find(|p| p.is_amplitude())?;
+                Some(amplitude(&format!("{name}.{}", first.name), error))
+            };
+            let list: Vec<_> = names.iter().zip(errors).filter_map(of).collect();
+            unseparated(&names, &list)
+        };
+        let known = Some(0.01);
+        assert!(told([known; 3]).is_empty());
+        // The tap changer resembles neither.
+        assert!(told([known, known, None]).is_empty());
+        for errors in [[known, None, known], [None, known, known]] {
+            let notes = told(errors);
+            assert_eq!(notes.len(), 1, "{notes:?}");
+            let both = "self_disconnection and electronic_load_dropout describe much the same";
+            assert!(notes[0].starts_with(both), "{notes:?}");
+        }
+    }
 }
