@@ -9,6 +9,7 @@ use serde_json::json;
 
 use crate::{
     adapters::synthetic::{self, SyntheticError, WrittenSite},
+    load_model::effects,
     measurement::Site,
     truth::{self, Effect, EventTruth, HiddenEffect, SiteOptions, SyntheticSite, TruthError},
 };
@@ -32,10 +33,10 @@ pub struct GenerateArgs {
     /// Seed of every random number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Effects to hide in it, separated by commas; see --list-effects.
+    /// Effects to hide in it, separated by commas; see --list-effects. Effects of --effect-file are not among them.
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub effect: Vec<String>,
-    /// Gives a parameter of an effect instead of drawing it; may be repeated.
+    /// Gives a parameter of an effect instead of drawing it; may be repeated, once for each parameter.
     #[arg(long, value_name = "EFFECT.PARAMETER=VALUE")]
     pub set: Vec<String>,
     /// Chooses events that do not show the effects.
@@ -122,6 +123,20 @@ pub enum GenerateError {
         /// What was given.
         given: String,
     },
+    /// A parameter that is given more than once.
+    #[error("`--set {path}` is given twice; give every parameter once")]
+    SetTwice {
+        /// EFFECT.PARAMETER.
+        path: String,
+    },
+    /// An effect of a file.
+    #[error(
+        "`{name}` is an effect from a file: sites are made by a truth simulator that shares nothing with the models and does not know such effects; see `loadmodeld generate --list-effects` for those that it hides"
+    )]
+    OfAFile {
+        /// The effect.
+        name: String,
+    },
     /// The files.
     #[error(transparent)]
     Files(#[from] SyntheticError),
@@ -197,7 +212,20 @@ fn options(args: &GenerateArgs) -> Result<SiteOptions, GenerateError> {
 fn hidden_effects(args: &GenerateArgs) -> Result<Vec<HiddenEffect>, GenerateError> {
     let mut hidden = Vec::new();
     for name in &args.effect {
-        hidden.push(HiddenEffect::drawn(Effect::named(name)?, args.seed));
+        let effect = Effect::named(name).map_err(|error| refused(name, error))?;
+        hidden.push(HiddenEffect::drawn(effect, args.seed));
+    }
+    let path = |given: &str| {
+        given
+            .split_once('=')
+            .map(|(path, _)| path.trim().to_owned())
+    };
+    let mut seen: Vec<String> = Vec::new();
+    for path in args.set.iter().filter_map(|given| path(given)) {
+        if seen.contains(&path) {
+            return Err(GenerateError::SetTwice { path });
+        }
+        seen.push(path);
     }
     for given in &args.set {
         let setting = given.split_once('=').and_then(|(path, value)| {
@@ -214,6 +242,15 @@ fn hidden_effects(args: &GenerateArgs) -> Result<Vec<HiddenEffect>, GenerateErro
         effect.set(parameter, value)?;
     }
     Ok(hidden)
+}
+
+/// Why there is no such effect here.
+fn refused(name: &str, error: TruthError) -> GenerateError {
+    if effects::is_registered(name) {
+        let name = name.to_owned();
+        return GenerateError::OfAFile { name };
+    }
+    error.into()
 }
 
 fn list_effects(out: &mut dyn Write) -> io::Result<()> {
@@ -391,6 +428,26 @@ mod tests {
         let unknown = args(&["--effect", "gremlins"], place.path());
         let error = run(&unknown, &mut Vec::new()).unwrap_err().to_string();
         assert!(error.contains("no effect is called `gremlins`"), "{error}");
+        let twice = ["--effect", "time_skew", "--set", "time_skew.skew_s=0.01"];
+        let twice: Vec<&str> = twice.iter().chain(&twice[2..]).copied().collect();
+        let error = run(&args(&twice, place.path()), &mut Vec::new()).unwrap_err();
+        assert!(matches!(&error, GenerateError::SetTwice { path } if path == "time_skew.skew_s"));
+    }
+
+    #[test]
+    fn an_effect_of_motors_needs_motors() {
+        let place = tempfile::tempdir().unwrap();
+        for effect in ["second_motor", "motor_undervoltage_trip"] {
+            let without = args(&["--effect", effect, "--motor-share", "0"], place.path());
+            let error = run(&without, &mut Vec::new()).unwrap_err().to_string();
+            assert!(
+                error.contains(effect) && error.contains("the motor share is 0"),
+                "{error}"
+            );
+        }
+        let recovery = ["--effect", "exponential_recovery", "--motor-share", "0"];
+        let options = options(&args(&recovery, place.path())).unwrap();
+        assert!(options.motor_share.abs() < f64::EPSILON);
     }
 
     #[test]

@@ -46,7 +46,8 @@ pub use error::Error;
 #[derive(Debug, Parser)]
 #[command(name = "loadmodeld", version, about, long_about = None, after_help = AFTER_HELP)]
 struct CommandLine {
-    /// Effect written in a TOML file, beside those of the catalogue; may be given several times
+    /// Effect written in a TOML file, beside those of the catalogue (`generate` does not know it); may be given several
+    /// times
     #[arg(long = "effect-file", value_name = "FILE", global = true)]
     effect_files: Vec<PathBuf>,
     #[command(subcommand)]

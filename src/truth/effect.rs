@@ -137,6 +137,21 @@ impl Effect {
         )
     }
 
+    /// Whether it changes what motors do, so that without motors nothing of it is seen.
+    #[must_use]
+    pub const fn is_of_motors(self) -> bool {
+        matches!(
+            self,
+            Self::StatorResistance
+                | Self::FrequencyScaledPower
+                | Self::SecondMotor
+                | Self::MotorUndervoltageTrip
+                | Self::SpeedDependentTorque
+                | Self::DoubleCageRotor
+                | Self::Saturation
+        )
+    }
+
     /// Its parameters.
     #[must_use]
     pub fn parameters(self) -> &'static [EffectParameter] {
@@ -157,6 +172,8 @@ pub struct EffectParameter {
     pub either_sign: bool,
     /// Range in which it must lie.
     pub admissible: (f64, f64),
+    /// Whether it is a whole number.
+    pub counts: bool,
     /// Words for the values 0, 1, ..., where the parameter is a choice.
     pub choices: &'static [&'static str],
 }
@@ -232,14 +249,17 @@ impl HiddenEffect {
         let word = declared.choices.iter().position(|choice| *choice == text);
         let value = word.map_or_else(|| text.parse().unwrap_or(f64::NAN), |word| word as f64);
         let (low, high) = declared.admissible;
-        let whole = declared.choices.is_empty() || value.fract().abs() < f64::EPSILON;
+        let may_be_broken = declared.choices.is_empty() && !declared.counts;
+        let whole = may_be_broken || value.fract().abs() < f64::EPSILON;
         if !(low..=high).contains(&value) || !whole {
             return Err(TruthError::ParameterOutOfRange {
                 effect: self.effect.name(),
                 parameter: declared.name,
                 given: text.to_owned(),
-                required: if declared.choices.is_empty() {
+                required: if may_be_broken {
                     format!("{low} to {high}")
+                } else if declared.counts {
+                    format!("a whole number from {low} to {high}")
                 } else {
                     declared.choices.join(" or ")
                 },
@@ -363,6 +383,13 @@ mod tests {
         );
         let error = hidden.set("behaviour", "sleep").unwrap_err().to_string();
         assert!(error.contains("momentary_cessation or trip"), "{error}");
+        let mut counted = HiddenEffect::drawn(Effect::SelfDisconnection, 1);
+        counted.set("dips", "2").unwrap();
+        let error = counted.set("dips", "2.5").unwrap_err().to_string();
+        assert_eq!(
+            error,
+            "self_disconnection.dips must be a whole number from 1 to 9, got 2.5"
+        );
         let error = hidden.set("size", "3").unwrap_err().to_string();
         assert!(
             error.contains("has no parameter `size`; it has share"),

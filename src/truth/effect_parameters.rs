@@ -22,7 +22,21 @@ const fn quantity(
         typical,
         either_sign: false,
         admissible,
+        counts: false,
         choices: &[],
+    }
+}
+
+/// A whole number.
+const fn count(
+    name: &'static str,
+    typical: (f64, f64),
+    admissible: (f64, f64),
+    meaning: &'static str,
+) -> EffectParameter {
+    EffectParameter {
+        counts: true,
+        ..quantity(name, typical, admissible, meaning)
     }
 }
 
@@ -211,7 +225,7 @@ const SELF_DISCONNECTION: &[EffectParameter] = &[
         (0.0, 4.0),
         "exponent of the voltage while connected",
     ),
-    quantity(
+    count(
         "dips",
         (1.0, 1.0),
         (1.0, 9.0),

@@ -99,6 +99,16 @@ pub enum TruthError {
         /// The effect.
         effect: &'static str,
     },
+    /// An effect of motors where there are none.
+    #[error(
+        "{effect} is an effect of motors, and the motor share is {motor_share}: without motors nothing of it is seen; give motors a share above 0 or leave {effect} out"
+    )]
+    NoMotors {
+        /// The effect.
+        effect: &'static str,
+        /// Share of the active power that motors draw.
+        motor_share: f64,
+    },
     /// Effects and motors take more than there is.
     #[error("nothing is left for {of}: the others take all but {left} of it")]
     NothingLeft {

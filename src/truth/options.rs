@@ -157,6 +157,16 @@ impl SiteOptions {
 
     pub(super) fn check(&self) -> Result<(), TruthError> {
         check_effects(&self.effects)?;
+        let mut effects = self.effects.iter().map(HiddenEffect::effect);
+        if let Some(effect) = effects.find(|effect| effect.is_of_motors())
+            && self.motor_share <= 0.0
+        {
+            let (effect, motor_share) = (effect.name(), self.motor_share);
+            return Err(TruthError::NoMotors {
+                effect,
+                motor_share,
+            });
+        }
         let ranges = self
             .measurement_ranges()
             .into_iter()
