@@ -17,6 +17,7 @@ use loadmodeld::{
         },
     },
     config::Config,
+    load_model::user_effects::EffectFile,
     measurement::{SampleBatch, Site},
 };
 
@@ -24,7 +25,7 @@ use loadmodeld::{
 pub type Parser = fn(&[u8]);
 
 /// Every parser by the name of its target and of its folder of the corpus.
-pub const ALL: [(&str, Parser); 7] = [
+pub const ALL: [(&str, Parser); 8] = [
     ("c37118_frame", c37118_frame),
     ("c37118_stream", c37118_stream),
     ("c37118_messages", c37118_messages),
@@ -32,6 +33,7 @@ pub const ALL: [(&str, Parser); 7] = [
     ("sample_batch", sample_batch),
     ("recording", recording),
     ("configuration", configuration),
+    ("effect_file", effect_file),
 ];
 
 /// One frame. What is read has a right check word, and a command is written back byte for byte.
@@ -126,6 +128,25 @@ pub fn configuration(bytes: &[u8]) {
     if let Ok(text) = std::str::from_utf8(bytes) {
         Config::parse(text, "fuzz.toml").ok();
     }
+}
+
+/// An effect file. What is told of it lies in the text.
+pub fn effect_file(bytes: &[u8]) {
+    let Ok(text) = std::str::from_utf8(bytes) else {
+        return;
+    };
+    let lines = 1 + text.matches('\n').count();
+    let told = match EffectFile::parse(text) {
+        Ok(file) => file.warnings().to_vec(),
+        Err(problems) => {
+            assert!(!problems.is_empty(), "a file was refused without a reason");
+            problems
+        }
+    };
+    assert!(
+        told.iter()
+            .all(|p| (1..=lines).contains(&p.line) && p.column > 0)
+    );
 }
 
 fn site() -> Site {
