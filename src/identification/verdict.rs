@@ -66,3 +66,26 @@ pub enum Decision {
         reason: String,
     },
 }
+
+impl Decision {
+    /// Why, in words.
+    #[must_use]
+    pub fn reason(&self) -> &str {
+        match self {
+            Self::Publish { reason }
+            | Self::PublishUnvalidated { reason }
+            | Self::AwaitApproval { reason }
+            | Self::Reject { reason } => reason,
+        }
+    }
+
+    /// The same, to be added to.
+    pub fn reason_mut(&mut self) -> &mut String {
+        match self {
+            Self::Publish { reason }
+            | Self::PublishUnvalidated { reason }
+            | Self::AwaitApproval { reason }
+            | Self::Reject { reason } => reason,
+        }
+    }
+}
