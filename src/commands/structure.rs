@@ -14,7 +14,10 @@ use super::Error;
 use crate::{
     adapters::{
         http::{StructureDocument, client::Call},
-        store::{NewStructure, Origin, Saved, SqliteOptions, SqliteStore, Store, StructureChange},
+        store::{
+            NewStructure, Origin, Saved, SqliteOptions, SqliteStore, Store, StructureChange,
+            what_follows,
+        },
     },
     daemon::clock,
 };
@@ -122,8 +125,11 @@ fn in_store(args: &StructureArgs, path: &Path, out: &mut dyn Write) -> Result<()
     let (record, saved) = store
         .change_structure(&new, clock::now_ns())
         .map_err(Error::other)?;
-    let document = json!(StructureDocument::from(&record));
-    told(args.json, &document, saved == Saved::Stored, out)
+    let note = what_follows(&store, &record, saved).map_err(Error::other)?;
+    let mut document = json!(StructureDocument::from(&record));
+    document["changed"] = json!(saved == Saved::Stored);
+    document["note"] = json!(note);
+    told(args.json, &document, out)
 }
 
 fn at_server(args: &StructureArgs, server: &str, out: &mut dyn Write) -> Result<(), Error> {
@@ -147,7 +153,7 @@ fn at_server(args: &StructureArgs, server: &str, out: &mut dyn Write) -> Result<
     let answer = call.answer().map_err(Error::other)?;
     let document: Value = serde_json::from_str(&answer).map_err(Error::other)?;
     if body.is_some() {
-        told(args.json, &document, true, out)
+        told(args.json, &document, out)
     } else {
         show(args.json, &document, out)
     }
@@ -188,14 +194,18 @@ fn actor() -> String {
     env::var("USER").unwrap_or_else(|_| "unknown user".to_owned())
 }
 
-fn told(as_json: bool, document: &Value, changed: bool, out: &mut dyn Write) -> Result<(), Error> {
+fn told(as_json: bool, document: &Value, out: &mut dyn Write) -> Result<(), Error> {
     if as_json {
         return Ok(writeln!(out, "{document}")?);
     }
     let structure = parts(document);
     let site = document["site"].as_str().unwrap_or_default();
-    if changed {
+    // A service that does not say answers what it has changed.
+    if document["changed"].as_bool().unwrap_or(true) {
         writeln!(out, "{site}: to be fitted as {structure}")?;
+        if let Some(note) = document["note"].as_str() {
+            writeln!(out, "{note}")?;
+        }
     } else {
         writeln!(out, "{site}: is {structure} already")?;
     }
@@ -277,15 +287,19 @@ mod tests {
         let added = asked(&["--store", &file, "--add", "saturation", "--comment", "why"]);
         assert_eq!(
             added.unwrap(),
-            "north: to be fitted as zip+induction_motor+saturation\n"
+            "north: to be fitted as zip+induction_motor+saturation\n\
+             a joint fit, its validation, a decision and a diagnosis follow\n"
         );
         let set = "zip+induction_motor+saturation";
         let same = asked(&["--store", &file, "--set", set]).unwrap();
         assert!(same.contains("already"), "{same}");
+        let out = asked(&["--store", &file, "--remove", "saturation"]).unwrap();
+        assert!(out.contains("had this structure before"), "{out}");
+        asked(&["--store", &file, "--add", "saturation"]).unwrap();
         let wrong = asked(&["--store", &file, "--remove", "tap_changer"]);
         assert!(wrong.unwrap_err().contains("is not part of"));
         let history = asked(&["--store", &file]).unwrap();
-        assert_eq!(history.lines().count(), 2);
+        assert_eq!(history.lines().count(), 4);
         assert!(history.contains("command_line") && history.contains("why"));
         assert!(asked(&["--add", "saturation"]).is_err(), "where?");
     }

@@ -19,19 +19,19 @@ use super::{
     diagnoses::{self, Inputs},
     inputs::inputs_hash,
     settings::Settings,
-    structures,
+    structures::{self, Wanted},
 };
 use crate::{
     adapters::{
         http::{Ongoing, WorkBoard},
-        store::{Store, StoreError, StoredFit},
+        store::{FitId, Store, StoreError, StoredFit},
     },
     disturbance::Window,
     identification::{
         Identification, IdentificationError, InForce, ParameterSet, errors_on, identify,
     },
     measurement::Site,
-    service::{Candidate, Claimed, Event, FitEnd, Fitted, Work, WorkKind},
+    service::{Candidate, Claimed, Event, FitEnd, Fitted, ServiceOptions, Work, WorkKind},
 };
 
 /// Runs fits. The core bounds how many there are.
@@ -133,8 +133,9 @@ impl Fit {
             return Ok(no_set("no waveforms are kept any more".to_owned()));
         }
         let options = &self.settings.options_of(&site.name);
-        let structure = structures::in_force(self.store.as_ref(), &self.settings, &site.name)?;
-        let reporter = self.board.begin(self.job, self.begun(&structure));
+        let wanted = structures::in_force(self.store.as_ref(), &self.settings, &site.name)?;
+        let structure = &wanted.structure;
+        let reporter = self.board.begin(self.job, self.begun(structure));
         // It is asked between simulations.
         let cancel = || {
             reporter.simulated();
@@ -144,24 +145,18 @@ impl Fit {
             let inputs = Inputs {
                 site: &site,
                 windows: &windows,
-                structure: &structure,
+                wanted: &wanted,
                 options,
             };
             return diagnoses::diagnose(self.store.as_ref(), &inputs, &reporter, &cancel);
         }
         let ids: Vec<String> = windows.iter().map(|w| w.id.clone()).collect();
-        let inputs_hash = inputs_hash(&ids, &structure, options);
-        if let Some(known) = self.known(&inputs_hash, &windows)? {
+        if let Some(known) = self.known(&ids, &wanted, options, &windows)? {
             return Ok(known);
         }
+        let inputs_hash = inputs_hash(&ids, structure, self.turn(&wanted), options);
         let started = clock::instant();
-        let fitted = identify(
-            &site,
-            &windows,
-            &structure,
-            &options.identification,
-            &cancel,
-        );
+        let fitted = identify(&site, &windows, structure, &options.identification, &cancel);
         Ok(match fitted {
             Ok(mut identification) => {
                 identification.cost.seconds = started.elapsed().as_secs_f64();
@@ -215,20 +210,55 @@ impl Fit {
         Ok(sites.find(|site| site.name == self.work.site))
     }
 
-    /// The fit of the same inputs, if one is on record: whoever made it died before the decision.
-    fn known(&self, hash: &str, windows: &[Window]) -> Result<Option<FitEnd>, StoreError> {
+    /// The fit of the same inputs, if one is on record: whoever made it died before the decision,
+    /// or the site comes back to a structure that these events were fitted with before. Then the
+    /// fit is kept once more, to be decided on again.
+    fn known(
+        &self,
+        windows: &[String],
+        wanted: &Wanted,
+        options: &ServiceOptions,
+        data: &[Window],
+    ) -> Result<Option<FitEnd>, StoreError> {
         let kind = job_kind(self.work.kind);
-        let Some(stored) = self.store.fit_of(kind, &self.work.subject, hash)? else {
-            return Ok(None);
+        let turn = self.turn(wanted);
+        let hash = |turn| inputs_hash(windows, &wanted.structure, turn, options);
+        let on_record = |turn| -> Result<Option<(FitId, ParameterSet)>, StoreError> {
+            let stored = self.store.fit_of(kind, &self.work.subject, &hash(turn))?;
+            Ok(stored.and_then(|stored| Some((stored.id, readable_set(&stored)?))))
         };
-        let Some(set) = readable_set(&stored) else {
-            return Ok(None);
+        let mut earlier = None;
+        for before in (0..turn).rev() {
+            earlier = on_record(before)?;
+            if earlier.is_some() {
+                break;
+            }
+        }
+        let again = earlier.is_some();
+        let (fit, set) = match (on_record(turn)?, earlier) {
+            (Some(known), _) => known,
+            (None, Some((fit, set))) => {
+                let now_ns = clock::now_ns();
+                let (copy, _) = self.store.repeat_fit(fit, &hash(turn), now_ns)?;
+                (copy, set)
+            }
+            (None, None) => return Ok(None),
         };
-        let in_force = self.in_force(&set, windows)?;
+        let in_force = self.in_force(&set, data)?;
         Ok(Some(FitEnd::Known {
-            fit: stored.id.0,
+            fit: fit.0,
             candidate: Arc::new(Candidate { set, in_force }),
+            again,
         }))
+    }
+
+    /// Which time it is that the structure is taken up. The fit of one event is not decided on: one
+    /// is enough.
+    fn turn(&self, wanted: &Wanted) -> usize {
+        match self.work.kind {
+            WorkKind::Event => 0,
+            WorkKind::Site | WorkKind::Diagnosis => wanted.turn,
+        }
     }
 
     /// The newest set of the site and its errors on the events that the candidate was not fitted

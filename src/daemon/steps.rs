@@ -12,7 +12,7 @@ use super::{
     convert::{failure, job_kind, lease, store_lease, work_of},
     inputs::{diagnosis_hash, inputs_hash},
     settings::Settings,
-    structures,
+    structures::{self, Wanted},
 };
 use crate::{
     adapters::{
@@ -202,23 +202,23 @@ impl Steps {
     /// Hash of the inputs of a job, or why there is nothing to do.
     fn inputs(&self, work: &Work) -> Result<Result<String, String>, StoreError> {
         let (store, options) = (self.store.as_ref(), &self.settings.service);
-        let structure = structures::in_force(store, &self.settings, &work.site)?;
+        let Wanted { structure, turn } = structures::in_force(store, &self.settings, &work.site)?;
         if work.kind == WorkKind::Event {
             let window = [work.subject.clone()];
-            return Ok(Ok(inputs_hash(&window, &structure, options)));
+            return Ok(Ok(inputs_hash(&window, &structure, 0, options)));
         }
         let usable = backlog::usable(store, &work.site, options.joint_events_max)?;
         let (found, needed) = (usable.len(), events_needed(work.kind, options));
         if found < needed {
             return Ok(Err(format!("{found} usable events, {needed} needed")));
         }
-        let fit_hash = inputs_hash(&usable, &structure, options);
+        let fit_hash = inputs_hash(&usable, &structure, turn, options);
         if work.kind == WorkKind::Site {
             return Ok(Ok(fit_hash));
         }
         let fit = store.fit_of(JobKind::IdentifySite, &work.site, &fit_hash)?;
         Ok(match fit {
-            Some(_) => Ok(diagnosis_hash(&usable, &structure, options)),
+            Some(_) => Ok(diagnosis_hash(&usable, &structure, turn, options)),
             None => Err("these events have not been fitted jointly".to_owned()),
         })
     }

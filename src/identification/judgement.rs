@@ -5,8 +5,9 @@ use super::{
     ErrorSummary, IdentificationError, IdentificationOptions, ParameterSet, Verdict, VerdictStatus,
     edge_timing::align,
     evaluate::{EventModel, StaticModel, errors},
-    identify::{model_of, prepare_all, trend_of},
+    identify::prepare_all,
     intake::PreparedEvent,
+    on_windows::{model_of, trend_of},
     validate::{Evidence, largest_voltage_change, validate},
 };
 use crate::disturbance::Window;

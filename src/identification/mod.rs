@@ -19,6 +19,7 @@ pub mod intake;
 pub mod joint_problem;
 pub mod judgement;
 pub mod measurement_chain;
+mod on_windows;
 pub mod paper_problem;
 pub mod parameter_set;
 pub mod phasor_filter;
@@ -44,11 +45,12 @@ pub use decision::{DecisionOptions, InForce, decide};
 pub use error::IdentificationError;
 pub use errors::{ErrorSummary, EventErrors};
 pub use identify::{
-    Identification, IdentificationOptions, Split, compare, compare_fitted, conclude, errors_on,
-    identify, median_operating_point, prepare_all,
+    Identification, IdentificationOptions, Split, conclude, identify, median_operating_point,
+    prepare_all,
 };
 pub use judgement::{Judgement, judge};
 pub use measurement_chain::{LateReport, MeasurementChain};
+pub use on_windows::{compare, compare_fitted, errors_of_fitted, errors_on};
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
 pub use phasor_filter::{FilterChoice, PhasorFilter};
 pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};

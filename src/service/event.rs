@@ -281,12 +281,22 @@ pub enum FitEnd {
         fit: i64,
         /// The candidate.
         candidate: Arc<Candidate>,
+        /// Whether somebody came back to a structure that the same events were fitted with before:
+        /// the fit is decided on again.
+        again: bool,
     },
     /// With a diagnosis.
     Diagnosed(Arc<Diagnosed>),
     /// The same inputs were diagnosed before.
     DiagnosisKnown {
         /// Number of the diagnosis.
+        version: u64,
+    },
+    /// Somebody came back to a structure: what was found of it before is on record once more.
+    DiagnosedBefore {
+        /// Number of the diagnosis that was made.
+        earlier: u64,
+        /// Number that it has now as well: the site's newest.
         version: u64,
     },
     /// There is no set to be had from these data; asking again does not help.
@@ -324,6 +334,9 @@ pub struct Fitted {
 pub struct Diagnosed {
     /// The diagnosis, with its cost in seconds.
     pub diagnosis: Diagnosis,
+    /// Error over noise of the untouched events with the first effect named; none where no effect is
+    /// named or no event is untouched.
+    pub error_after: Option<f64>,
     /// Hash of what was really diagnosed.
     pub inputs_hash: String,
 }

@@ -12,10 +12,9 @@ use super::{
     outbox::Outbox,
 };
 use crate::{
-    diagnosis::Diagnosis,
     identification::{Decision, Identification, InForce, ParameterSet, VerdictStatus, decide},
     telemetry::{
-        diagnoses::{DiagnosisFacts, DiagnosisFailed, DiagnosisMade},
+        diagnoses::{DiagnosisFacts, DiagnosisFailed, DiagnosisMade, DiagnosisRepeated},
         jobs::{
             FitFailed, FitFinished, FitInterrupted, FitResult, FitStarted, Interruption, JobParked,
             WorkersBusy,
@@ -63,6 +62,19 @@ enum Stage {
         in_force: Option<Box<InForce>>,
     },
     Ending(WorkEnd),
+}
+
+impl Stage {
+    /// The same, said of a fit that was decided on before.
+    fn decided_again(mut self, again: bool) -> Self {
+        if let Self::Committing { decision, .. } = &mut self
+            && again
+        {
+            let reason = decision.reason_mut();
+            *reason = format!("these events were fitted with this structure before; {reason}");
+        }
+        self
+    }
 }
 
 impl Fits {
@@ -196,7 +208,7 @@ impl Fits {
         };
         let diagnosis = &diagnosed.diagnosis;
         out.report(DiagnosisMade::new(
-            diagnosis_facts(diagnosis),
+            diagnosis_facts(diagnosed),
             version,
             known,
         ));
@@ -436,13 +448,29 @@ impl Running {
                 out.report(self.finished(&fitted.identification));
                 Stage::StoringFit(fitted)
             }
-            FitEnd::Known { fit, candidate } => {
-                self.decide(fit, &candidate.set, candidate.in_force.as_ref(), options)
+            FitEnd::Known {
+                fit,
+                candidate,
+                again,
+            } => {
+                let in_force = candidate.in_force.as_ref();
+                self.decide(fit, &candidate.set, in_force, options)
+                    .decided_again(again)
             }
             FitEnd::Diagnosed(diagnosed) => Stage::StoringDiagnosis(diagnosed),
             FitEnd::DiagnosisKnown { version } => Stage::Ending(WorkEnd::Complete {
                 outcome: format!("diagnosis {version} is on record"),
             }),
+            FitEnd::DiagnosedBefore { earlier, version } => {
+                out.report(DiagnosisRepeated {
+                    site: self.claimed.work.site.clone(),
+                    earlier,
+                    version,
+                });
+                Stage::Ending(WorkEnd::Complete {
+                    outcome: format!("diagnosis {version}: as {earlier}"),
+                })
+            }
             FitEnd::NoSet { reason } => {
                 self.report_failed(reason.clone(), out);
                 Stage::Ending(WorkEnd::Complete {
@@ -533,16 +561,15 @@ impl Running {
     }
 }
 
-fn diagnosis_facts(diagnosis: &Diagnosis) -> DiagnosisFacts {
-    let best = diagnosis.answer_set.first();
-    let named = best.and_then(|best| diagnosis.candidates.iter().find(|c| c.effect == *best));
+fn diagnosis_facts(diagnosed: &Diagnosed) -> DiagnosisFacts {
+    let diagnosis = &diagnosed.diagnosis;
     DiagnosisFacts {
         site: diagnosis.site.clone(),
         status: diagnosis.status.name(),
         summary: diagnosis.summary.clone(),
         answer_set: diagnosis.answer_set.clone(),
         error_before: diagnosis.baseline.quoted().error_to_noise,
-        error_after: named.and_then(|candidate| candidate.held_out_error_after),
+        error_after: diagnosed.error_after,
         seconds: diagnosis.cost.seconds,
     }
 }
@@ -556,10 +583,11 @@ fn result_of(set: &ParameterSet) -> FitResult {
 }
 
 fn name_and_reason(decision: &Decision) -> (&'static str, &str) {
-    match decision {
-        Decision::Publish { reason } => ("publish", reason),
-        Decision::PublishUnvalidated { reason } => ("publish_unvalidated", reason),
-        Decision::AwaitApproval { reason } => ("await_approval", reason),
-        Decision::Reject { reason } => ("reject", reason),
-    }
+    let name = match decision {
+        Decision::Publish { .. } => "publish",
+        Decision::PublishUnvalidated { .. } => "publish_unvalidated",
+        Decision::AwaitApproval { .. } => "await_approval",
+        Decision::Reject { .. } => "reject",
+    };
+    (name, decision.reason())
 }

@@ -294,12 +294,12 @@ pub const DIAGNOSED_EFFECTS: Declaration = counter(
     &["effect"],
     "Diagnoses that name an effect, by the first one named: names of the catalogue and of effect files.",
 );
-/// Error over noise of what was diagnosed.
+/// Error over noise of what was diagnosed, both stages on the same events.
 pub const DIAGNOSIS_ERROR_TO_NOISE: Declaration = Declaration {
     name: "loadmodeld_diagnosis_error_to_noise_ratio",
     kind: Kind::Histogram(ERROR_BOUNDS),
     labels: &["stage"],
-    help: "Residual over noise floor of diagnosed models: before, and after with the first effect named.",
+    help: "Residual over noise floor of diagnosed models: before, and after with the first effect named, on untouched events; no after without any.",
 };
 /// Duration of diagnoses.
 pub const DIAGNOSIS_SECONDS: Declaration = Declaration {

@@ -15,9 +15,10 @@ pub struct DiagnosisFacts {
     pub summary: String,
     /// Effects named, best first: names of the catalogue.
     pub answer_set: Vec<String>,
-    /// Error over noise of the structure judged.
+    /// Error over noise of the structure judged: of the untouched events where there are any.
     pub error_before: f64,
-    /// The same with the first effect named, on the held-out events; none where none is named.
+    /// The same with the first effect named, on the untouched events, from which `error_before` comes
+    /// too; none where no effect is named or no event is untouched.
     pub error_after: Option<f64>,
     /// Wall-clock seconds.
     pub seconds: f64,
@@ -81,10 +82,39 @@ impl Occurrence for DiagnosisMade {
             ..
         } = &self.facts;
         let fall = error_after.map_or_else(String::new, |after| {
-            format!(", held out {after:.2} with it")
+            format!(", {after:.2} with the effect named")
         });
         Some(format!(
             "diagnosis of {site} in {seconds:.1} s: error to noise {error_before:.2}{fall}: {summary}"
+        ))
+    }
+}
+
+/// A site came back to a structure: what was found of it before is the newest diagnosis again.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DiagnosisRepeated {
+    /// Site.
+    pub site: String,
+    /// Number of the diagnosis that was made.
+    pub earlier: u64,
+    /// Number that it has now as well.
+    pub version: u64,
+}
+
+impl Occurrence for DiagnosisRepeated {
+    fn emit(&self, _metrics: &Metrics) {
+        info!(
+            site = self.site,
+            version = self.version,
+            as_version = self.earlier,
+            "diagnosed before: the diagnosis on record counts again"
+        );
+    }
+
+    fn sentence(&self) -> Option<String> {
+        Some(format!(
+            "diagnosis of {}: as number {}, kept as {} again",
+            self.site, self.earlier, self.version
         ))
     }
 }

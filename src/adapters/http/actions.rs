@@ -20,7 +20,7 @@ use serde_json::json;
 use super::{Context, Token, api::problem, documents::StructureDocument};
 use crate::adapters::store::{
     Approval, DecisionId, NewStructure, Origin, RollBack, Saved, Store, StoreError,
-    StructureChange, StructureRecord,
+    StructureChange, StructureRecord, what_follows,
 };
 
 /// Bytes of a request's body at most.
@@ -377,7 +377,7 @@ async fn change_structure(
     let Path(site) = path.map_err(Wrong::from)?;
     let Json(body) = body.map_err(Wrong::from)?;
     let (Who { actor, comment }, change) = (body.who()?, body.change()?);
-    let (record, saved) = act(&context, move |context, now_ns| {
+    let (record, saved, note) = act(&context, move |context, now_ns| {
         let new = NewStructure {
             site: &site,
             change: &change,
@@ -386,14 +386,19 @@ async fn change_structure(
             comment: &comment,
         };
         let store = context.store.as_ref();
-        context.actions.change_structure(store, &new, now_ns)
+        let (record, saved) = context.actions.change_structure(store, &new, now_ns)?;
+        let note = what_follows(store, &record, saved)?;
+        Ok((record, saved, note))
     })
     .await?;
     let status = match saved {
         Saved::Stored => StatusCode::ACCEPTED,
         Saved::AlreadyStored => StatusCode::OK,
     };
-    Ok((status, Json(StructureDocument::from(&record))).into_response())
+    let mut document = json!(StructureDocument::from(&record));
+    document["changed"] = json!(saved == Saved::Stored);
+    document["note"] = json!(note);
+    Ok((status, Json(document)).into_response())
 }
 
 async fn roll_back(

@@ -117,6 +117,17 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// the same fit: the first one stays and its number is returned.
     fn save_fit(&self, fit: &NewFit<'_>, now_ns: i64) -> Result<(FitId, Saved), StoreError>;
 
+    /// Keeps a fit once more, under the hash of a request that asks for it again, so that it is
+    /// decided on again. The second call with the same hash changes nothing.
+    ///
+    /// [`StoreError::Unknown`] when there is no such fit, or its documents have been pruned.
+    fn repeat_fit(
+        &self,
+        fit: FitId,
+        inputs_hash: &str,
+        now_ns: i64,
+    ) -> Result<(FitId, Saved), StoreError>;
+
     /// A fit by its number.
     fn fit(&self, id: FitId) -> Result<Option<StoredFit>, StoreError>;
 
@@ -202,6 +213,18 @@ pub trait Store: fmt::Debug + Send + Sync {
     fn save_diagnosis(
         &self,
         diagnosis: &NewDiagnosis<'_>,
+        now_ns: i64,
+    ) -> Result<(u64, Saved), StoreError>;
+
+    /// Keeps a diagnosis once more, under the site's next number and the hash of a request that
+    /// asks for it again. The second call with the same hash changes nothing.
+    ///
+    /// [`StoreError::Unknown`] when there is no such diagnosis, or its document has been pruned.
+    fn repeat_diagnosis(
+        &self,
+        site: &str,
+        version: u64,
+        inputs_hash: &str,
         now_ns: i64,
     ) -> Result<(u64, Saved), StoreError>;
 

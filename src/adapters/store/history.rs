@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::{Saved, Store, StoreError};
 use crate::{
     adapters::wire::{DocumentError, v1::DiagnosisV1},
     diagnosis::Diagnosis,
@@ -164,6 +165,63 @@ pub struct StructureRecord {
     pub comment: String,
     /// When, UTC nanoseconds.
     pub changed_ns: i64,
+}
+
+/// Since when a site is to have its structure, and how often it was to have the same one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Standing {
+    /// When the structure was taken up, UTC nanoseconds: who repeats it later changes nothing.
+    pub since_ns: i64,
+    /// Earlier times at which it was taken up, with other structures in between.
+    pub times_before: usize,
+}
+
+impl Standing {
+    /// Of a site's records, newest first; none without records.
+    #[must_use]
+    pub fn of(newest_first: &[StructureRecord]) -> Option<Self> {
+        let current = newest_first.first()?;
+        let mut standing = Self {
+            since_ns: current.changed_ns,
+            times_before: 0,
+        };
+        let runs = newest_first.chunk_by(|later, earlier| later.structure == earlier.structure);
+        for (place, run) in runs.enumerate() {
+            let (Some(named), Some(oldest)) = (run.first(), run.last()) else {
+                continue;
+            };
+            if place == 0 {
+                standing.since_ns = oldest.changed_ns;
+            } else if named.structure == current.structure {
+                standing.times_before += 1;
+            }
+        }
+        Some(standing)
+    }
+}
+
+/// What a change of a site's structure leads to, in words for whoever made it.
+///
+/// # Errors
+///
+/// [`StoreError`] when the store does not say whether the structure was fitted before.
+pub fn what_follows(
+    store: &dyn Store,
+    record: &StructureRecord,
+    saved: Saved,
+) -> Result<String, StoreError> {
+    if saved == Saved::AlreadyStored {
+        return Ok("nothing changes: the site is to have this structure already".to_owned());
+    }
+    let standing = Standing::of(&store.structures(&record.site, usize::MAX)?);
+    if standing.is_none_or(|standing| standing.times_before == 0) {
+        return Ok("a joint fit, its validation, a decision and a diagnosis follow".to_owned());
+    }
+    Ok(
+        "the site had this structure before: where its events are still the same, the fit and the \
+         diagnosis on record are taken, and the fit is decided on again against the set in force"
+            .to_owned(),
+    )
 }
 
 /// An older version that is to be in force again.

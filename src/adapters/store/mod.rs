@@ -16,7 +16,8 @@ mod sqlite;
 pub use contract::Store;
 pub use errors::{Cause, Operation, StoreError};
 pub use history::{
-    NewDiagnosis, NewStructure, Origin, RollBack, StoredDiagnosis, StructureChange, StructureRecord,
+    NewDiagnosis, NewStructure, Origin, RollBack, Standing, StoredDiagnosis, StructureChange,
+    StructureRecord, what_follows,
 };
 pub use records::{
     Answer, Approval, ClaimRequest, CommittedDecision, DecisionId, DecisionRecord, Enqueued, FitId,

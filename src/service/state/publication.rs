@@ -2,7 +2,7 @@
 
 use super::State;
 use crate::{
-    service::{AskedDocument, Command, Event, outbox::Outbox},
+    service::{AskedDocument, BacklogPart, Command, Event, outbox::Outbox},
     telemetry::sets::{QueryAnswered, QueryOutcome},
 };
 
@@ -46,6 +46,12 @@ impl State {
             }
             _ => {}
         }
+    }
+
+    /// Something is to be put on its key.
+    pub(super) fn load_unpublished(&mut self, out: &mut Outbox) {
+        self.documents_loading += 1;
+        out.push(Command::LoadBacklog(BacklogPart::Unpublished));
     }
 
     fn answer(

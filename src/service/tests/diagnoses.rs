@@ -23,6 +23,7 @@ fn diagnosed() -> Arc<Diagnosed> {
             model: None,
             cost: DiagnosisCost::default(),
         },
+        error_after: Some(1.2),
         inputs_hash: "hash".to_owned(),
     })
 }
@@ -90,6 +91,7 @@ fn a_diagnosis_is_stored_counted_and_published() {
     one(&bench, &catalogue::DIAGNOSES, "missing_effect");
     one(&bench, &catalogue::DIAGNOSED_EFFECTS, "stator_resistance");
     one(&bench, &catalogue::DIAGNOSIS_ERROR_TO_NOISE, "before");
+    one(&bench, &catalogue::DIAGNOSIS_ERROR_TO_NOISE, "after");
 }
 
 #[test]
@@ -152,4 +154,23 @@ fn a_set_that_a_person_makes_count_is_published() {
             .any(|c| matches!(c, Command::LoadBacklog(BacklogPart::Unpublished)))
     );
     assert!((bench.metric(&catalogue::SET_ACTIONS, &["roll_back"]) - 1.0).abs() < f64::EPSILON);
+}
+
+#[test]
+fn a_diagnosis_that_counts_again_is_published() {
+    let mut bench = Bench::new();
+    let _ = bench.claim(1, WorkKind::Diagnosis);
+    let commands = bench.apply(ended(
+        1,
+        FitEnd::DiagnosedBefore {
+            earlier: 4,
+            version: 7,
+        },
+    ));
+    let loads = |c: &Command| matches!(c, Command::LoadBacklog(BacklogPart::Unpublished));
+    assert!(commands.iter().any(loads), "{commands:?}");
+    let done = WorkEnd::Complete {
+        outcome: "diagnosis 7: as 4".to_owned(),
+    };
+    assert_eq!(fits::end_of(&commands), Some(&done));
 }

@@ -104,17 +104,33 @@ fn the_fit_of_one_event_is_stored_and_not_decided_on() {
 
 #[test]
 fn a_fit_on_record_is_decided_on_without_another() {
-    let mut bench = Bench::new();
-    let _ = bench.claim(1, WorkKind::Site);
     let candidate = Arc::new(Candidate {
         set: fitted().identification.set.clone(),
         in_force: None,
     });
-    let commands = bench.apply(ended(1, FitEnd::Known { fit: 4, candidate }));
-    assert!(
-        matches!(commands[0], Command::CommitDecision { fit: 4, .. }),
-        "{commands:?}"
-    );
+    for again in [false, true] {
+        let mut bench = Bench::new();
+        let _ = bench.claim(1, WorkKind::Site);
+        let candidate = Arc::clone(&candidate);
+        let commands = bench.apply(ended(
+            1,
+            FitEnd::Known {
+                fit: 4,
+                candidate,
+                again,
+            },
+        ));
+        let Command::CommitDecision {
+            fit: 4, decision, ..
+        } = &commands[0]
+        else {
+            panic!("{commands:?}");
+        };
+        let said = decision
+            .reason()
+            .contains("were fitted with this structure before");
+        assert_eq!(said, again, "{decision:?}");
+    }
 }
 
 #[test]

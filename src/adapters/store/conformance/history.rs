@@ -4,8 +4,8 @@ use super::{Check, commit_set, decide, identification, publish, save_fit};
 use crate::{
     adapters::{
         store::{
-            NewDiagnosis, NewStructure, Origin, RollBack, Saved, Store, StoreError, StoredSet,
-            StructureChange, StructureRecord,
+            FitId, JobKind, NewDiagnosis, NewStructure, Origin, RollBack, Saved, Standing, Store,
+            StoreError, StoredSet, StructureChange, StructureRecord, what_follows,
         },
         wire::v1::examples,
     },
@@ -21,6 +21,9 @@ pub(super) const CHECKS: &[Check] = &[
     ("the newest word counts, whoever said it", newest_word),
     ("an older version is rolled back to", rolled_back),
     ("old content that is decided on again counts", decided_again),
+    ("a fit is kept and decided on once more", repeated_fit),
+    ("a diagnosis is kept once more", repeated_diagnosis),
+    ("a structure that is come back to is told", came_back),
 ];
 
 fn save(store: &dyn Store, inputs_hash: &str, diagnosis: &Diagnosis) -> (u64, Saved) {
@@ -223,4 +226,76 @@ fn decided_again(store: &dyn Store) {
     assert_eq!(decision.version, Some(1));
     assert_eq!(store.newest_set("site-01").unwrap().unwrap().version, 1);
     assert_eq!(versions(&store.unpublished_sets().unwrap()), [1]);
+}
+
+fn repeated_fit(store: &dyn Store) {
+    for rank in [5, 6] {
+        let set = commit_set(store, rank);
+        store.mark_published("site-01", set.version, 30).unwrap();
+    }
+    let old = store.fit_of(JobKind::IdentifySite, "site-01", "inputs 5");
+    let old = old.unwrap().unwrap();
+    let repeat = |fit, inputs| store.repeat_fit(fit, inputs, 40);
+    let (copy, saved) = repeat(old.id, "inputs 5 again").unwrap();
+    assert_eq!(saved, Saved::Stored);
+    let known = repeat(old.id, "inputs 5 again").unwrap();
+    assert_eq!(known, (copy, Saved::AlreadyStored));
+    let fit = store.fit(copy).unwrap().unwrap();
+    assert_eq!((&fit.document, fit.stored_ns), (&old.document, 40));
+    assert_eq!(fit.verdict, old.verdict);
+    let newest = store.fits("site-01", JobKind::IdentifySite, 1).unwrap();
+    assert_eq!(newest[0].id, copy);
+    let decision = decide(store, copy, &publish()).unwrap();
+    assert_eq!((decision.version, decision.saved), (Some(1), Saved::Stored));
+    assert_eq!(store.newest_set("site-01").unwrap().unwrap().version, 1);
+    assert_eq!(versions(&store.unpublished_sets().unwrap()), [1]);
+    assert_eq!(store.decisions("site-01", 9).unwrap().len(), 3);
+    let nothing = repeat(FitId(99), "x");
+    assert!(matches!(nothing, Err(StoreError::Unknown { .. })));
+}
+
+fn repeated_diagnosis(store: &dyn Store) {
+    let diagnosis = examples::diagnosis();
+    for inputs in ["a", "b"] {
+        save(store, inputs, &diagnosis);
+    }
+    let repeat = |version| store.repeat_diagnosis("site-01", version, "a again", 40);
+    assert_eq!(repeat(1).unwrap(), (3, Saved::Stored));
+    assert_eq!(repeat(1).unwrap(), (3, Saved::AlreadyStored));
+    let newest = store.newest_diagnosis("site-01").unwrap().unwrap();
+    assert_eq!((newest.version, newest.stored_ns), (3, 40));
+    let document = newest.diagnosis().unwrap().unwrap();
+    assert_eq!(document.version, 3);
+    let unpublished = store.unpublished_diagnoses().unwrap();
+    assert!(unpublished.iter().any(|d| d.version == 3));
+    let nothing = store.repeat_diagnosis("site-01", 9, "x", 40);
+    assert!(matches!(nothing, Err(StoreError::Unknown { .. })));
+}
+
+fn came_back(store: &dyn Store) {
+    let (base, more) = (
+        set(&["zip", "induction_motor"]),
+        set(&["zip", "induction_motor", "saturation"]),
+    );
+    let times = || {
+        let records = store.structures("site-01", usize::MAX).unwrap();
+        Standing::of(&records).map(|standing| standing.times_before)
+    };
+    assert_eq!(times(), None);
+    for (structure, origin, expected) in [
+        (&base, Origin::Configuration, 0),
+        (&more, Origin::Http, 0),
+        (&more, Origin::Configuration, 0),
+        (&base, Origin::CommandLine, 1),
+        (&more, Origin::Http, 1),
+        (&base, Origin::Http, 2),
+    ] {
+        let (record, saved) = change(store, structure, origin).unwrap();
+        assert_eq!(times(), Some(expected), "{structure:?} by {origin}");
+        let note = what_follows(store, &record, saved).unwrap();
+        assert_eq!(note.contains("before"), expected > 0, "{note}");
+    }
+    let (record, saved) = change(store, &base, Origin::Http).unwrap();
+    let note = what_follows(store, &record, saved).unwrap();
+    assert!(note.starts_with("nothing changes"), "{note}");
 }

@@ -27,20 +27,56 @@ pub(super) fn save(
     if let Some(known) = by_inputs(transaction, new.site, new.inputs_hash)? {
         return Ok((known.version, Saved::AlreadyStored));
     }
+    let version = next_version(transaction, new.site)?;
+    let document = DiagnosisV1::new(new.diagnosis, version);
+    insert(transaction, new.inputs_hash, &document, now_ns)?;
+    Ok((version, Saved::Stored))
+}
+
+/// Copies a diagnosis under the next number, so that the newest one is that of the structure that
+/// somebody came back to.
+pub(super) fn repeat(
+    transaction: &Transaction<'_>,
+    site: &str,
+    version: u64,
+    inputs_hash: &str,
+    now_ns: i64,
+) -> Result<(u64, Saved), Trouble> {
+    if let Some(known) = by_inputs(transaction, site, inputs_hash)? {
+        return Ok((known.version, Saved::AlreadyStored));
+    }
+    let stored = by_version(transaction, site, version)?;
+    let kept = stored.map(|stored| stored.diagnosis()).transpose()?;
+    let mut document = kept
+        .flatten()
+        .ok_or_else(|| Trouble::unknown("diagnosis", format!("{site} version {version}")))?;
+    document.version = next_version(transaction, site)?;
+    insert(transaction, inputs_hash, &document, now_ns)?;
+    Ok((document.version, Saved::Stored))
+}
+
+fn next_version(transaction: &Transaction<'_>, site: &str) -> Result<u64, Trouble> {
     let newest: i64 = transaction
         .prepare_cached("SELECT coalesce(max(version), 0) FROM diagnoses WHERE site = ?1")?
-        .query_row([new.site], |row| row.get(0))?;
-    let version = newest.unsigned_abs() + 1;
-    let document = DiagnosisV1::new(new.diagnosis, version);
+        .query_row([site], |row| row.get(0))?;
+    Ok(newest.unsigned_abs() + 1)
+}
+
+fn insert(
+    transaction: &Transaction<'_>,
+    inputs_hash: &str,
+    document: &DiagnosisV1,
+    now_ns: i64,
+) -> Result<(), Trouble> {
     transaction.execute(
         "INSERT INTO diagnoses (site, version, inputs_hash, structure, status, summary,
              answer_set, error_to_noise, stored_ns, document)
          VALUES (:site, :version, :inputs_hash, :structure, :status, :summary,
              :answer_set, :error_to_noise, :stored_ns, :document)",
         named_params! {
-            ":site": new.site,
-            ":version": version_number(version),
-            ":inputs_hash": new.inputs_hash,
+            ":site": document.site,
+            ":version": version_number(document.version),
+            ":inputs_hash": inputs_hash,
             ":structure": names(&document.structure),
             ":status": document.status,
             ":summary": document.summary,
@@ -51,7 +87,7 @@ pub(super) fn save(
             ":document": document.to_json()?,
         },
     )?;
-    Ok((version, Saved::Stored))
+    Ok(())
 }
 
 pub(super) fn mark_published(

@@ -156,6 +156,49 @@ fn insert_events(
     Ok(())
 }
 
+/// Copies a fit with all that belongs to it: decisions and jobs are one per fit and hash, and a
+/// request that comes back is to have its own.
+pub(super) fn repeat(
+    transaction: &Transaction<'_>,
+    fit: FitId,
+    inputs_hash: &str,
+    now_ns: i64,
+) -> Result<(FitId, Saved), Trouble> {
+    let known = transaction
+        .prepare_cached(
+            "SELECT k.id FROM fits k JOIN fits f ON k.kind = f.kind AND k.subject = f.subject
+             WHERE f.id = ?1 AND k.inputs_hash = ?2",
+        )?
+        .query_row(params![fit.0, inputs_hash], |row| row.get::<_, i64>(0))
+        .optional()?;
+    if let Some(id) = known {
+        return Ok((FitId(id), Saved::AlreadyStored));
+    }
+    let copied = transaction.execute(
+        "INSERT INTO fits (kind, site, subject, inputs_hash, structure, content_hash,
+             eps_p_percent, eps_q_percent, error_to_noise, solution_count, stored_ns,
+             set_document, document)
+         SELECT kind, site, subject, ?2, structure, content_hash,
+             eps_p_percent, eps_q_percent, error_to_noise, solution_count, ?3,
+             set_document, document
+         FROM fits WHERE id = ?1 AND set_document IS NOT NULL",
+        params![fit.0, inputs_hash, now_ns],
+    )?;
+    if copied == 0 {
+        return Err(Trouble::unknown("fit", fit.0.to_string()));
+    }
+    let id = transaction.last_insert_rowid();
+    for sql in [
+        "INSERT INTO validations (fit_id, status, document)
+         SELECT ?2, status, document FROM validations WHERE fit_id = ?1",
+        "INSERT INTO fit_events (fit_id, window_id, role)
+         SELECT ?2, window_id, role FROM fit_events WHERE fit_id = ?1",
+    ] {
+        transaction.execute(sql, params![fit.0, id])?;
+    }
+    Ok((FitId(id), Saved::Stored))
+}
+
 pub(super) fn by_id(connection: &Connection, id: FitId) -> Result<Option<StoredFit>, Trouble> {
     one(connection, &format!("{SELECT} WHERE f.id = ?1"), [id.0])
 }

@@ -133,6 +133,17 @@ impl Store for SqliteStore {
         self.write(Operation("save a fit"), |t| fits::save(t, fit, now_ns))
     }
 
+    fn repeat_fit(
+        &self,
+        fit: FitId,
+        inputs_hash: &str,
+        now_ns: i64,
+    ) -> Result<(FitId, Saved), StoreError> {
+        self.write(Operation("keep a fit once more"), |t| {
+            fits::repeat(t, fit, inputs_hash, now_ns)
+        })
+    }
+
     fn fit(&self, id: FitId) -> Result<Option<StoredFit>, StoreError> {
         self.read(Operation("read a fit"), |c| fits::by_id(c, id))
     }
@@ -248,6 +259,18 @@ impl Store for SqliteStore {
     ) -> Result<(u64, Saved), StoreError> {
         self.write(Operation("save a diagnosis"), |t| {
             diagnoses::save(t, diagnosis, now_ns)
+        })
+    }
+
+    fn repeat_diagnosis(
+        &self,
+        site: &str,
+        version: u64,
+        inputs_hash: &str,
+        now_ns: i64,
+    ) -> Result<(u64, Saved), StoreError> {
+        self.write(Operation("keep a diagnosis once more"), |t| {
+            diagnoses::repeat(t, site, version, inputs_hash, now_ns)
         })
     }
 
