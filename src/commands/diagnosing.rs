@@ -23,6 +23,7 @@ use crate::{
     diagnosis::{
         Candidate, Channel, Diagnosis, DiagnosisOptions, EventFailure, EventSets, EventSplit,
         GeneralForm, Progress, Segment, Status, StructureErrors, Unexplained, Untestable,
+        misfit_root_floor,
     },
     identification::{ErrorSummary, IdentificationError},
     load_model::effect::Kind,
@@ -326,13 +327,13 @@ pub(super) fn print_failures(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::
     let width = names.max().unwrap_or(0).max("event".len());
     writeln!(
         out,
-        "\n{:width$}  lowest V  over noise  where the model fails",
+        "\n{:width$}  lowest V  root misfit  where the model fails",
         "event"
     )?;
     for failure in by_severity(&diagnosis.failures) {
         writeln!(
             out,
-            "{:width$}  {:>8.3}  {:>10.2}  {}",
+            "{:width$}  {:>8.3}  {:>11.2}  {}",
             failure.event, failure.lowest_voltage, failure.error_to_noise, failure.sentence
         )?;
     }
@@ -391,9 +392,15 @@ pub(super) fn print_candidates(diagnosis: &Diagnosis, out: &mut dyn Write) -> io
         .iter()
         .map(|c| c.effect.chars().count());
     let width = names.max().unwrap_or(0).max("candidate".len());
+    // Before and after are roots of the misfit per sample, which have a floor of their own.
     writeln!(
         out,
-        "\n{:width$}  {:10} {:>8} {:>9} {:>8} {:>8} {:>8}",
+        "\n{:width$}  {:10} {:>8} {:>9} {:>17}",
+        "", "", "", "", "root of misfit"
+    )?;
+    writeln!(
+        out,
+        "{:width$}  {:10} {:>8} {:>9} {:>8} {:>8} {:>8}",
         "candidate", "kind", "share, %", "delta BIC", "before", "after", "gain, %"
     )?;
     let (screened_out, tried): (Vec<_>, Vec<_>) =
@@ -401,6 +408,16 @@ pub(super) fn print_candidates(diagnosis: &Diagnosis, out: &mut dyn Write) -> io
     for candidate in tried {
         print_candidate(candidate, width, out)?;
     }
+    writeln!(
+        out,
+        "{:width$}  {:10} {:>8} {:>9} {:>8} {:>8.2}",
+        "perfect",
+        "",
+        "",
+        "",
+        "",
+        misfit_root_floor()
+    )?;
     if !screened_out.is_empty() {
         let names: Vec<&str> = screened_out.iter().map(|c| c.effect.as_str()).collect();
         writeln!(
@@ -519,7 +536,7 @@ fn print_general_form(form: &GeneralForm, out: &mut dyn Write) -> io::Result<()>
     if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
         write!(
             out,
-            ", error over noise of held-out events {before:.2} -> {after:.2}"
+            ", its root on held-out events {before:.2} -> {after:.2}"
         )?;
     }
     writeln!(out)?;

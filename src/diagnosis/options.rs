@@ -93,6 +93,14 @@ pub struct ClaimOptions {
     pub decisive_factor: f64,
 }
 
+/// Root of the misfit per sample that a perfect model leaves: the floor of an event's failure and of
+/// what candidates do to the held-out events. Residuals over noise have another one,
+/// [`ERROR_TO_NOISE_FLOOR`](super::ERROR_TO_NOISE_FLOOR).
+#[must_use]
+pub fn misfit_root_floor() -> f64 {
+    ClaimOptions::default().floor.sqrt()
+}
+
 impl Default for ClaimOptions {
     fn default() -> Self {
         Self {

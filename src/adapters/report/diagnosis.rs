@@ -10,7 +10,7 @@ use super::{
     number::significant,
     page::{self, drawn, legend, percent, tile, to_noise},
 };
-use crate::diagnosis::{Diagnosis, EventFailure, GeneralForm, Status};
+use crate::diagnosis::{Diagnosis, EventFailure, GeneralForm, Status, misfit_root_floor};
 
 /// The report of a diagnosis as one HTML document. The same input gives the same bytes.
 ///
@@ -107,12 +107,8 @@ pub(super) fn where_it_fails(
     let rungs: Vec<_> = (diagnosis.failures.iter())
         .map(|f| (f.event.as_str(), f.lowest_voltage, f.error_to_noise))
         .collect();
-    let ladder = failure_figures::ladder(
-        &diagnosis.failures,
-        before,
-        &untouched,
-        diagnosis.noise_floor,
-    );
+    let ladder =
+        failure_figures::ladder(&diagnosis.failures, before, &untouched, misfit_root_floor());
     let scatter = failure_figures::against_voltage("against-voltage", &all);
     Ok(html! {
         section {
@@ -200,7 +196,7 @@ fn general_form(form: &GeneralForm) -> Markup {
             strong { (form.title) } " (" code { (form.name) } "): with this general form, which is no effect of the catalogue, the \
              misfit falls from " (significant(form.misfit_before, 3)) " to " (significant(form.misfit_after, 3)) " per sample"
             @if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
-                ", the error over noise of held-out events from " (significant(before, 3)) " to " (significant(after, 3))
+                ", its root on held-out events from " (significant(before, 3)) " to " (significant(after, 3))
             } "."
         }
         (diagnosis_tables::of_form(form))
@@ -253,7 +249,7 @@ fn event(
         section.event id=(id) {
             h2 { "Event " (failure.event) }
             p { strong { (failure.sentence) } }
-            p { "Role: " (role(&diagnosis.events, &failure.event)) ". Residual over noise "
+            p { "Role: " (role(&diagnosis.events, &failure.event)) ". Root of misfit per sample "
                 @if let Some(before) = before { (significant(before.error_to_noise, 3)) " before, " }
                 (significant(failure.error_to_noise, 3)) "." }
             figure {

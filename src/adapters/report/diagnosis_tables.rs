@@ -9,8 +9,8 @@ use super::{
 };
 use crate::{
     diagnosis::{
-        Candidate, Diagnosis, EventFailure, EventSets, GeneralForm, Improvement, SegmentResidual,
-        Unexplained, Untestable,
+        Candidate, Diagnosis, EventFailure, EventSets, GeneralForm, Improvement, ImprovementStep,
+        SegmentResidual, Unexplained, Untestable, misfit_root_floor,
     },
     identification::ErrorSummary,
     load_model::effect::Kind,
@@ -38,15 +38,16 @@ pub(super) fn failures(diagnosis: &Diagnosis, before: Option<&[EventFailure]>) -
     };
     let table = html! {
         table {
-            caption { "Error over noise is the residual of the event part over the deviation that each sample \
-                       has in the fit; 1 is noise alone." }
+            caption { "Misfit is the root mean square of the residual of the event part over the deviation that \
+                       each sample has in the fit, which is more than its noise where the voltage moves: a \
+                       perfect model leaves about " (fixed(misfit_root_floor(), 2)) "." }
             thead { tr {
                 th scope="col" { "Event" }
                 th scope="col" { "Role" }
                 th.number scope="col" { "Lowest V" }
                 th.number scope="col" { "Largest Δf, %" }
-                @if before.is_some() { th.number scope="col" { "Error over noise before" } }
-                th.number scope="col" { "Error over noise" }
+                @if before.is_some() { th.number scope="col" { "Root of misfit before" } }
+                th.number scope="col" { "Root of misfit" }
                 th scope="col" { "Where the model fails" }
             } }
             tbody { @for (index, failure) in diagnosis.failures.iter().enumerate() { tr {
@@ -124,11 +125,12 @@ pub(super) fn rivals(diagnosis: &Diagnosis) -> Markup {
         table {
             caption { "Effects tried on top of the structure, best first. Share: what the linear screen explains of \
                        the residual. ΔBIC: change of the information criterion over all events, negative is \
-                       better. Errors over noise are those of the gate's events." }
+                       better. Before and after: root of the misfit per sample on the gate's events; a perfect model \
+                       leaves about " (fixed(misfit_root_floor(), 2)) "." }
             thead { tr {
                 th scope="col" { "Effect" }
                 th scope="col" { "Kind" }
-                @for head in ["Share, %", "Visible, %", "ΔBIC", "Error before", "Error after", "Of the best gain, %"] {
+                @for head in ["Share, %", "Visible, %", "ΔBIC", "Misfit before", "Misfit after", "Of the best gain, %"] {
                     th.number scope="col" { (head) }
                 }
                 th scope="col" { "Parameters" }
@@ -159,7 +161,7 @@ fn rival(candidate: &Candidate, in_answer: bool) -> Markup {
         td.number { (optional(candidate.held_out_error_before, 3)) }
         td.number { (optional(candidate.held_out_error_after, 3)) }
         td.number { (candidate.share_of_best_gain.map_or(ABSENT.to_owned(), |s| fixed(100.0 * s, 0))) }
-        td { @for (index, parameter) in candidate.parameters.iter().enumerate() {
+        td.parameters { @for (index, parameter) in candidate.parameters.iter().enumerate() {
             @if index > 0 { br; }
             code { (parameter.name) } " " (significant(parameter.value, 3))
             @if parameter.unit != "1" { " " (parameter.unit) }
@@ -247,13 +249,24 @@ pub(super) fn terms(unexplained: &Unexplained) -> Markup {
     scrollable("Terms", &table)
 }
 
+/// Why a step was taken; of two steps that one answer led to it is said once.
+fn why(steps: &[ImprovementStep], index: usize) -> &str {
+    let reason = &steps[index].reason;
+    let before = index.checked_sub(1).map(|before| &steps[before].reason);
+    if !reason.is_empty() && before == Some(reason) {
+        "As the step before: one answer led to both."
+    } else {
+        reason
+    }
+}
+
 /// The steps of an improvement.
 pub(super) fn steps(improvement: &Improvement) -> Markup {
     let cell = |summary: Option<&ErrorSummary>, of: fn(&ErrorSummary) -> f64| {
         summary.map_or(ABSENT.to_owned(), |summary| significant(of(summary), 3))
     };
     let table = html! {
-        table {
+        table.tight {
             caption { "Structure after structure. Errors over noise and of P and Q in percent, on fitted events, on \
                        those of the gate, and on those that neither the fit nor the gate has seen." }
             thead {
@@ -285,7 +298,7 @@ pub(super) fn steps(improvement: &Improvement) -> Markup {
                 }
                 td.number { (step.parameter_count) }
                 td.number { (fixed(step.delta_bic, 0)) }
-                td.words { (step.reason) }
+                td.words { (why(&improvement.steps, index)) }
             } } }
         }
     };

@@ -2,6 +2,7 @@
 //! whole window and for the seconds in which most happens.
 
 use super::{
+    axis::{Sets, clamped, cut_note, setting},
     decimate,
     figure::{Figure, Ink, Mark, Panel, Shape},
     number,
@@ -177,11 +178,15 @@ impl<'a> Seen<'a> {
 
     /// The shown samples of `values`, thinned to what a curve needs, as `(time, index)`.
     fn points(&self, values: &[f64]) -> Vec<(f64, f64)> {
-        let shown = values.get(self.first..self.end).unwrap_or(&[]);
+        let shown = self.shown(values);
         decimate::envelope(shown, CURVE_POINTS_MAX)
             .into_iter()
             .map(|k| (self.comparison.time_s[self.first + k], shown[k]))
             .collect()
+    }
+
+    fn shown<'b>(&self, values: &'b [f64]) -> &'b [f64] {
+        values.get(self.first..self.end).unwrap_or(&[])
     }
 
     fn curve(&self, values: &[f64], ink: Ink, width_quarter_px: u32) -> Mark {
@@ -222,7 +227,7 @@ impl<'a> Seen<'a> {
     fn extent(&self, series: &[&[f64]]) -> (f64, f64) {
         series
             .iter()
-            .flat_map(|values| values.get(self.first..self.end).unwrap_or(&[]))
+            .flat_map(|values| self.shown(values))
             .filter(|value| value.is_finite())
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &v| {
                 (low.min(v), high.max(v))
@@ -246,12 +251,20 @@ fn power_panel(seen: &Seen<'_>, power: Power, rival: Option<&Comparison>) -> Pan
     let comparison = seen.comparison;
     let measured = power.measured(comparison);
     let mut series = vec![measured, power.model(comparison)];
+    let sets = Sets::Powers.each(&comparison.used, &comparison.near_edge);
+    let told = setting(measured, &sets);
+    series[0] = &told;
+    if let Some(rival) = rival {
+        series.push(power.model(rival));
+    }
+    let vertical = padded(seen.extent(&series));
+    let drawn = &clamped(measured, vertical);
     let mut marks = seen.backdrop();
-    marks.push(seen.curve(measured, Ink::Measured, 8));
+    marks.push(seen.curve(drawn, Ink::Measured, 8));
     // Few enough samples to see one by one: show that the curve is made of them.
     if seen.end - seen.first <= 180 {
         marks.push(Mark::Points {
-            points: seen.points(measured),
+            points: seen.points(drawn),
             ink: Ink::Measured,
             shape: Shape::Dot,
             radius_quarter_px: 9,
@@ -259,17 +272,22 @@ fn power_panel(seen: &Seen<'_>, power: Power, rival: Option<&Comparison>) -> Pan
     }
     if let Some(rival) = rival {
         marks.push(seen.curve(power.model(rival), Ink::Rival, 5));
-        series.push(power.model(rival));
     }
     marks.push(seen.curve(power.model(comparison), Ink::Model, 6));
-    marks.push(unused_points(seen, measured));
+    marks.push(unused_points(seen, drawn));
+    let title = match power {
+        Power::Active => "Active power P, pu",
+        Power::Reactive => "Reactive power Q, pu",
+    };
+    let note = cut_note(
+        seen.shown(measured),
+        seen.shown(&comparison.time_s),
+        vertical,
+    );
     Panel {
-        title: match power {
-            Power::Active => "Active power P, pu".to_owned(),
-            Power::Reactive => "Reactive power Q, pu".to_owned(),
-        },
+        title: format!("{title}{note}"),
         height_px: 170,
-        vertical: padded(seen.extent(&series)),
+        vertical,
         logarithmic: false,
         marks,
     }
@@ -302,14 +320,18 @@ fn residual_panel(seen: &Seen<'_>, power: Power, rival: Option<&Comparison>) -> 
         ink: Ink::Axis,
     });
     if let Some(values) = &rival_residual {
-        marks.push(seen.curve(&clamped(values, half), Ink::Rival, 5));
+        marks.push(seen.curve(&clamped(values, (-half, half)), Ink::Rival, 5));
     }
-    marks.push(seen.curve(&clamped(&residual, half), Ink::Model, 6));
+    marks.push(seen.curve(&clamped(&residual, (-half, half)), Ink::Model, 6));
     Panel {
         title: format!(
             "Residual of {}, pu{}",
             power.letter(),
-            cut_note(seen, &residual, half)
+            cut_note(
+                seen.shown(&residual),
+                seen.shown(&comparison.time_s),
+                (-half, half)
+            )
         ),
         height_px: 96,
         vertical: (-half, half),
@@ -329,7 +351,7 @@ fn residual_half_range(
     let comparison = seen.comparison;
     let noise = power.noise(comparison);
     let half = (seen.first..seen.end)
-        .filter(|&k| !comparison.near_edge[k] && comparison.used[k])
+        .filter(|&k| Sets::Residuals.by(comparison.used[k], comparison.near_edge[k]))
         .flat_map(|k| {
             let other = rival.and_then(|values| values.get(k)).copied();
             [
@@ -358,27 +380,6 @@ fn noise_band(seen: &Seen<'_>, power: Power, half: f64) -> Mark {
         points,
         ink: Ink::Noise,
     }
-}
-
-fn clamped(values: &[f64], half: f64) -> Vec<f64> {
-    values
-        .iter()
-        .map(|value| value.clamp(-half, half))
-        .collect()
-}
-
-/// Says so where the axis cuts the residual off.
-fn cut_note(seen: &Seen<'_>, residual: &[f64], half: f64) -> String {
-    let largest = (seen.first..seen.end)
-        .filter(|&k| residual[k].abs() > half)
-        .max_by(|&a, &b| residual[a].abs().total_cmp(&residual[b].abs()));
-    largest.map_or_else(String::new, |k| {
-        format!(
-            " (cut off; {} at {} s)",
-            number::significant(residual[k], 2),
-            number::fixed(seen.comparison.time_s[k], 2)
-        )
-    })
 }
 
 /// A range with air above and below; of some width even for a constant or for nothing at all.

@@ -411,12 +411,12 @@ pub(super) fn correlation(id: &str, failure: &EventFailure) -> Option<Figure> {
     })
 }
 
-/// Error over noise of every event against its lowest voltage; with `before`, from there to here.
+/// Root of the misfit of every event against its lowest voltage; with `before`, from there to here.
 pub(super) fn ladder(
     failures: &[EventFailure],
     before: Option<&[EventFailure]>,
     untouched: &dyn Fn(&str) -> bool,
-    noise_floor: f64,
+    floor: f64,
 ) -> Figure {
     let height = |failure: &EventFailure| failure.error_to_noise.max(1e-3).log10();
     let earlier = |event: &str| before?.iter().find(|failure| failure.event == event);
@@ -424,7 +424,7 @@ pub(super) fn ladder(
         .iter()
         .filter(|f| f.lowest_voltage.is_finite())
         .collect();
-    let floor = noise_floor.max(1e-3).log10();
+    let floor = floor.max(1e-3).log10();
     let mut marks = vec![Mark::Level {
         at: floor,
         ink: Ink::Onset,
@@ -467,8 +467,9 @@ pub(super) fn ladder(
         id: "severity".to_owned(),
         title: "Severity ladder".to_owned(),
         description: format!(
-            "Error over noise of {} events against their lowest voltage; triangles untouched, \
-             dots all others{}; the line is the noise floor.",
+            "Root of the misfit per sample (residual over the deviation that each sample has in the \
+             fit) of {} events against their lowest voltage; triangles untouched, dots all \
+             others{}; the line is what a perfect model leaves.",
             finite.len(),
             if before.is_some() {
                 ", rings before"
@@ -481,7 +482,7 @@ pub(super) fn ladder(
         horizontal_title: "lowest voltage over voltage before the event".to_owned(),
         counts: false,
         panels: vec![Panel {
-            title: "Error over noise, event part".to_owned(),
+            title: "Root of misfit per sample, event part".to_owned(),
             height_px: 300,
             vertical: padded(extent(heights.into_iter())),
             logarithmic: true,

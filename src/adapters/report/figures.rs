@@ -6,7 +6,7 @@ use super::{
     figure::{Figure, ReportError},
     staircase::staircase,
 };
-use crate::diagnosis::{Diagnosis, EventFailure, Improvement};
+use crate::diagnosis::{Diagnosis, EventFailure, Improvement, misfit_root_floor};
 
 /// A figure and the name of its file, without extension.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,7 +48,7 @@ fn figures(
 ) -> Result<Vec<NamedFigure>, ReportError> {
     let failures = &diagnosis.failures;
     let untouched = |event: &str| role(&diagnosis.events, event) == "untouched";
-    let ladder = failure_figures::ladder(failures, before, &untouched, diagnosis.noise_floor);
+    let ladder = failure_figures::ladder(failures, before, &untouched, misfit_root_floor());
     let together: Vec<&EventFailure> = failures.iter().collect();
     let scatter = failure_figures::against_voltage("against-voltage", &together);
     let mut all = vec![

@@ -179,6 +179,18 @@ mod tests {
     }
 
     #[test]
+    fn the_reason_of_two_steps_of_one_answer_is_given_once() {
+        let mut improvement = fixture::improvement();
+        let mut second = improvement.steps[1].clone();
+        second.reason = "The model lacks a pair of effects.".to_owned();
+        improvement.steps[1].reason.clone_from(&second.reason);
+        improvement.steps.push(second);
+        let page = render_improvement(&improvement, "0.1.0").unwrap();
+        assert_eq!(page.matches("lacks a pair of effects").count(), 1);
+        assert!(page.contains("As the step before"));
+    }
+
+    #[test]
     fn an_improvement_that_had_nothing_to_do_is_a_page() {
         let mut improvement = fixture::improvement();
         improvement.steps.truncate(1);

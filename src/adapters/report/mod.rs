@@ -5,6 +5,7 @@
 //! every figure carries a description and the data it was drawn from. Everything that comes from
 //! data is escaped on its way in.
 
+pub(in crate::adapters) mod axis;
 pub(in crate::adapters) mod decimate;
 mod diagnosis;
 mod diagnosis_tables;

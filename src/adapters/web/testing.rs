@@ -24,6 +24,7 @@ pub(super) struct Server {
     address: SocketAddr,
     task: JoinHandle<()>,
     pub(super) metrics: Arc<Metrics>,
+    pub(super) store: Arc<SqliteStore>,
     /// An event of `site-01` with waveforms.
     pub(super) event: String,
     _directory: TempDir,
@@ -62,8 +63,9 @@ impl Server {
         health.set_store(true);
         health.set_zenoh(true);
         let metrics = Arc::new(Metrics::new().unwrap());
+        let store = Arc::new(store);
         let context = Arc::new(Context {
-            store: Arc::new(store),
+            store: Arc::clone(&store) as Arc<dyn Store>,
             metrics: Arc::clone(&metrics),
             health: Arc::new(health),
             actions: Actions::new(Token::new(TOKEN).ok(), |_| {}),
@@ -80,6 +82,7 @@ impl Server {
             address,
             task,
             metrics,
+            store,
             event: window.id,
             _directory: directory,
         }

@@ -8,7 +8,14 @@ use super::{
     desk::LISTENERS_MAX,
     testing::{Server, TOKEN},
 };
-use crate::telemetry::{Occurrence, intake::FramesTaken};
+use crate::{
+    adapters::{
+        store::{JobKind, NewDecision, NewFit, NewStructure, Origin, Store, StructureChange},
+        wire::v1::examples,
+    },
+    identification::{Decision, ParameterSet},
+    telemetry::{Occurrence, intake::FramesTaken},
+};
 
 const FORM: (&str, &str) = ("Content-Type", "application/x-www-form-urlencoded");
 
@@ -366,4 +373,62 @@ async fn a_list_says_how_many_there_are_though_it_reads_one_page() {
     assert_eq!(beyond.status, 200);
     let refused = server.get("/sites/site-01/events?page=0").await;
     assert_eq!(refused.status, 400);
+}
+
+#[tokio::test]
+async fn a_rejected_structure_is_told_from_the_one_in_force() {
+    let server = Server::start().await;
+    let store = server.store.as_ref();
+    let fit = |inputs_hash: &str, set_of: &dyn Fn(&mut ParameterSet), decision: &Decision| {
+        let mut identification = examples::identification();
+        set_of(&mut identification.set);
+        let new = NewFit {
+            kind: JobKind::IdentifySite,
+            site: "site-01",
+            subject: "site-01",
+            inputs_hash,
+            identification: &identification,
+        };
+        let (fit, _) = store.save_fit(&new, 10).unwrap();
+        let new = NewDecision {
+            fit,
+            decision,
+            in_force: None,
+            actor: "instance",
+        };
+        store.commit_decision(&new, 11).unwrap().version
+    };
+    let reason = "first validated set of the site".to_owned();
+    let first = fit("a", &|_| {}, &Decision::Publish { reason });
+    store.mark_published("site-01", first.unwrap(), 12).unwrap();
+    let more = StructureChange::Add("saturation".to_owned());
+    let change = NewStructure {
+        site: "site-01",
+        change: &more,
+        origin: Origin::Http,
+        actor: "engineer",
+        comment: "",
+    };
+    store.change_structure(&change, 13).unwrap();
+    let reason = "worse: held-out error-to-noise 2 against 1".to_owned();
+    let with_more = |set: &mut ParameterSet| {
+        set.structure.push("saturation".to_owned());
+        set.structure_versions.push(1);
+    };
+    fit("b", &with_more, &Decision::Reject { reason });
+    let page = server.get("/sites/site-01/structure").await;
+    for words in [
+        "The model in force is",
+        "(version 1)",
+        "Asked for is",
+        "worse: held-out",
+        "rejected",
+    ] {
+        assert!(page.body.contains(words), "{words}: {}", page.body);
+    }
+    let twin = server.get("/sites/site-01/structure.json").await;
+    let twin: Value = serde_json::from_str(&twin.body).unwrap();
+    assert_eq!(twin["steps"][1]["decision"], "rejected");
+    assert_eq!(twin["steps"][0]["version"], 1);
+    assert_eq!(twin["in_force"]["version"], 1);
 }

@@ -35,7 +35,7 @@ pub(super) fn any_refitted(diagnosis: &DiagnosisV1) -> bool {
     errors.any(|error| error > 0.0)
 }
 
-/// Held-out error with each candidate, beside that without and the floor.
+/// Held-out misfit with each candidate, beside that without and the floor of misfits.
 pub(super) fn candidates(diagnosis: &DiagnosisV1) -> Chart {
     let refitted = diagnosis.candidates.iter().filter_map(|candidate| {
         let after = candidate
@@ -52,7 +52,7 @@ pub(super) fn candidates(diagnosis: &DiagnosisV1) -> Chart {
     let log = |value: f64| value.max(1e-3).log10();
     let before: Vec<f64> = rows.iter().map(|row| log(row.1)).collect();
     let after: Vec<f64> = rows.iter().map(|row| log(row.2)).collect();
-    let floor = log(diagnosis.noise_floor);
+    let floor = log(diagnosis.misfit_root_floor);
     let all: Vec<f64> = before
         .iter()
         .chain(&after)
@@ -84,10 +84,11 @@ pub(super) fn candidates(diagnosis: &DiagnosisV1) -> Chart {
     marks.push(points("with it", Ink::Model, Shape::Dot, after));
     Chart {
         id: "candidates".to_owned(),
-        title: "What each effect does to the error on events it was not fitted on".to_owned(),
+        title: "What each effect does to the misfit of the events that decide".to_owned(),
         description:
-            "Error over noise on held-out events without and with each effect; the line is \
-                      what a perfect model would have."
+            "Root of the misfit per sample (residual over the deviation that each sample has in the \
+             fit) of the gate's events without and with each effect; the line is what a perfect model \
+             leaves."
                 .to_owned(),
         horizontal_title: "effect, best first".to_owned(),
         horizontal: (-0.5, rows.len().max(1) as f64 - 0.5),
@@ -95,7 +96,7 @@ pub(super) fn candidates(diagnosis: &DiagnosisV1) -> Chart {
         x,
         linked: None,
         panels: vec![Panel {
-            title: "error over noise, held-out events".to_owned(),
+            title: "root of misfit per sample, gate's events".to_owned(),
             height: 200,
             vertical: padded(span_of(&all), 0.1),
             logarithmic: true,
@@ -182,12 +183,12 @@ pub(super) fn ladder(diagnosis: &DiagnosisV1) -> Chart {
         .iter()
         .map(|f| f.error_to_noise.max(1e-3).log10())
         .collect();
-    let floor = diagnosis.noise_floor.max(1e-3).log10();
+    let floor = diagnosis.misfit_root_floor.max(1e-3).log10();
     let all: Vec<f64> = y.iter().copied().chain([floor]).collect();
     Chart {
         id: "ladder".to_owned(),
-        title: "Error against depth of the dip".to_owned(),
-        description: "Error over noise of each event against its lowest voltage; a step tells of a threshold."
+        title: "Misfit against depth of the dip".to_owned(),
+        description: "Root of the misfit per sample of each event against its lowest voltage; a step tells of a threshold."
             .to_owned(),
         horizontal_title: "lowest voltage over its value before the event".to_owned(),
         horizontal: padded(span_of(&x), 0.05),
@@ -195,7 +196,7 @@ pub(super) fn ladder(diagnosis: &DiagnosisV1) -> Chart {
         x,
         linked: None,
         panels: vec![Panel {
-            title: "error over noise".to_owned(),
+            title: "root of misfit per sample".to_owned(),
             height: 190,
             vertical: padded(span_of(&all), 0.2),
             logarithmic: true,
@@ -211,5 +212,28 @@ pub(super) fn ladder(diagnosis: &DiagnosisV1) -> Chart {
                 },
             ],
         }],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adapters::wire::v1::examples;
+
+    #[test]
+    fn roots_of_misfit_are_drawn_with_the_floor_of_their_own_scale() {
+        let diagnosis = DiagnosisV1::new(&examples::diagnosis(), 1);
+        assert!(diagnosis.misfit_root_floor < 0.9, "of roots of misfit");
+        for chart in [candidates(&diagnosis), ladder(&diagnosis)] {
+            let panel = &chart.panels[0];
+            assert!(panel.title.starts_with("root of misfit"), "{}", panel.title);
+            let floor = panel.marks.iter().find_map(|mark| match mark {
+                Mark::Level { at, .. } => Some(10_f64.powf(*at)),
+                _ => None,
+            });
+            let floor = floor.unwrap();
+            let own = diagnosis.misfit_root_floor;
+            assert!((floor - own).abs() < 1e-9, "{floor} for {own}");
+        }
     }
 }

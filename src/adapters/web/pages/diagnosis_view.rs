@@ -258,12 +258,12 @@ fn events(page: &DiagnosisPage, diagnosis: &DiagnosisV1) -> Markup {
         div.scroll tabindex="0" role="region" aria-label="Failures by event" {
             table.list.cards {
                 thead { tr { th scope="col" { "Event" } th scope="col" { "Use" } th.num scope="col" { "Lowest V / V0" }
-                    th.num scope="col" { "Error / noise" } th scope="col" { "In a sentence" } } }
+                    th.num scope="col" { "Root of misfit" } th scope="col" { "In a sentence" } } }
                 tbody { @for failure in &diagnosis.failures { tr {
                     th scope="row" { a href=(page.head.address(&format!("events/{}", segment(&failure.event)))) { (failure.event) } }
                     td data-label="Use" { (role(&failure.event)) }
                     td.num data-label="Lowest V / V0" { (number::fixed(failure.lowest_voltage, 3)) }
-                    td.num data-label="Error / noise" { (number::significant(failure.error_to_noise, 3)) }
+                    td.num data-label="Root of misfit" { (number::significant(failure.error_to_noise, 3)) }
                     td { (failure.sentence) }
                 } } }
             }
@@ -307,7 +307,7 @@ fn general_form(form: &GeneralFormV1) -> Markup {
             strong { (form.title) } " (" code { (form.name) } "): with this general form, which is no effect of the catalogue, the "
             "misfit falls from " (number::significant(form.misfit_before, 3)) " to " (number::significant(form.misfit_after, 3)) " per sample"
             @if let (Some(before), Some(after)) = (form.held_out_error_before, form.held_out_error_after) {
-                ", the error over noise of held-out events from " (number::significant(before, 3)) " to " (number::significant(after, 3))
+                ", its root on held-out events from " (number::significant(before, 3)) " to " (number::significant(after, 3))
             } "."
         }
         details {

@@ -5,7 +5,15 @@ use super::{
     event_view::{Drawn, EventPage},
     failure_charts,
 };
-use crate::{disturbance::Window, identification::Comparison, measurement::Sample};
+use crate::{
+    adapters::report::axis::{Sets, beyond, clamped, cut_note, setting},
+    disturbance::Window,
+    identification::{
+        Comparison,
+        intake::{IntakeOptions, prepare},
+    },
+    measurement::Sample,
+};
 
 /// Half-width of the noise band in standard deviations.
 const NOISE_BAND_SIGMA: f64 = 2.0;
@@ -68,6 +76,69 @@ impl Power {
         match self {
             Self::Active => sample.active_pu,
             Self::Reactive => sample.reactive_pu,
+        }
+    }
+}
+
+/// Name in the legend of what lies beyond an axis.
+const CUT_OFF: &str = "beyond the axis: not used, or near an edge";
+
+/// Values over time, and how they are drawn.
+pub(super) type Series<'a> = (&'a [f64], &'a dyn Fn(Vec<f64>) -> Mark);
+
+/// A panel whose axis is set by the samples that `sets` names, of every series; what lies beyond it
+/// is drawn at its end, marked, and told in the title.
+pub(super) struct Told<'a> {
+    /// The horizontal axis, s.
+    pub(super) time_s: &'a [f64],
+    /// Whether each sample sets the axis.
+    pub(super) sets: &'a [bool],
+    /// Least height of the axis.
+    pub(super) least: f64,
+}
+
+impl Told<'_> {
+    /// A panel of series, the measured one or the residual first: its cut is told in the title.
+    /// `behind` lies behind them, and `reach` is on the axis whatever they are.
+    pub(super) fn panel(
+        &self,
+        (title, height): (String, u32),
+        (behind, reach): (Vec<Mark>, &[f64]),
+        series: &[Series<'_>],
+    ) -> Panel {
+        let mut told = reach.to_vec();
+        for (values, _) in series {
+            told.extend(setting(values, self.sets));
+        }
+        let vertical = padded(span_of(&told), self.least);
+        let mut marks = behind;
+        let mut cut: Vec<(f64, f64)> = Vec::new();
+        for (values, mark) in series {
+            let drawn = clamped(values, vertical);
+            for k in beyond(values, vertical) {
+                cut.extend(self.time_s.get(k).map(|&time| (time, drawn[k])));
+            }
+            marks.push(mark(drawn));
+        }
+        if !cut.is_empty() {
+            let (x, y) = cut.into_iter().unzip();
+            marks.push(Mark::Points {
+                name: CUT_OFF.to_owned(),
+                ink: Ink::Unused,
+                shape: Shape::Ring,
+                x: Some(x),
+                y,
+                shade: None,
+            });
+        }
+        let first = series.first().map_or(&[][..], |(values, _)| values);
+        let note = cut_note(first, self.time_s, vertical);
+        Panel {
+            title: format!("{title}{note}"),
+            height,
+            vertical,
+            logarithmic: false,
+            marks,
         }
     }
 }
@@ -224,26 +295,49 @@ pub(super) fn backdrop(model: Option<&Comparison>) -> Vec<Mark> {
 
 fn power_panel(page: &EventPage, window: &Window, power: Power, backdrop: &[Mark]) -> Panel {
     let measured = channel(window, |s| power.of(s));
-    let mut span = vec![measured.clone()];
-    let mut marks = backdrop.to_vec();
-    marks.push(line("measured", Ink::Measured, measured));
+    let (time_s, sets) = match &page.model {
+        Some(model) => (
+            model.comparison().time_s.clone(),
+            powers(model.comparison()),
+        ),
+        None => (time_of(window), fitted(window)),
+    };
+    let told = Told {
+        time_s: &time_s,
+        sets: &sets,
+        least: LEAST_PU,
+    };
+    let draw_measured = |y| line("measured", Ink::Measured, y);
+    let mut series: Vec<Series<'_>> = vec![(&measured, &draw_measured)];
+    let draw_rival = |y| {
+        let label = page.rival.as_ref().map_or("", |rival| &rival.model.label);
+        dashed(label, Ink::Rival, y)
+    };
     if let Some(rival) = &page.rival {
-        let y = power.model(rival.comparison()).to_vec();
-        span.push(y.clone());
-        marks.push(dashed(&rival.model.label, Ink::Rival, y));
+        series.push((power.model(rival.comparison()), &draw_rival));
     }
+    let draw_model = |y| {
+        let label = page.model.as_ref().map_or("", |model| &model.model.label);
+        line(label, Ink::Model, y)
+    };
     if let Some(model) = &page.model {
-        let y = power.model(model.comparison()).to_vec();
-        span.push(y.clone());
-        marks.push(line(&model.model.label, Ink::Model, y));
+        series.push((power.model(model.comparison()), &draw_model));
     }
-    Panel {
-        title: power.title().to_owned(),
-        height: 200,
-        vertical: padded(span_of(span.iter().flatten()), LEAST_PU),
-        logarithmic: false,
-        marks,
-    }
+    let head = (power.title().to_owned(), 200);
+    told.panel(head, (backdrop.to_vec(), &[]), &series)
+}
+
+/// Which samples set the axis of powers.
+pub(super) fn powers(comparison: &Comparison) -> Vec<bool> {
+    Sets::Powers.each(&comparison.used, &comparison.near_edge)
+}
+
+/// The same where there is no model: as a fit would use the samples. None known, all of them.
+fn fitted(window: &Window) -> Vec<bool> {
+    prepare(window, &IntakeOptions::default()).map_or_else(
+        |_| Vec::new(),
+        |event| Sets::Powers.each(&event.used, &event.near_edge),
+    )
 }
 
 /// A model beside the measurement, and its name in the legend.
@@ -266,29 +360,30 @@ pub(super) fn residual_panel(
         .map(|noise| NOISE_BAND_SIGMA * noise)
         .collect();
     let residual = power.residual(comparison);
-    let mut span = residual.clone();
-    span.extend(half.iter().flat_map(|&half| [half, -half]));
-    let mut marks = backdrop.to_vec();
-    marks.push(Mark::Band {
+    let of_rival = rival.map(|(_, comparison)| power.residual(comparison));
+    let sets = Sets::Residuals.each(&comparison.used, &comparison.near_edge);
+    let told = Told {
+        time_s: &comparison.time_s,
+        sets: &sets,
+        least: LEAST_PU,
+    };
+    let draw = |y| line(name, Ink::Model, y);
+    let draw_rival = |y| dashed(rival.map_or("", |(name, _)| name), Ink::Rival, y);
+    let mut series: Vec<Series<'_>> = vec![(&residual, &draw)];
+    if let Some(values) = &of_rival {
+        series.push((values, &draw_rival));
+    }
+    let reach: Vec<f64> = half.iter().flat_map(|&half| [half, -half]).collect();
+    let mut behind = backdrop.to_vec();
+    behind.push(Mark::Band {
         name: "noise, two standard deviations".to_owned(),
         ink: Ink::Noise,
         x: None,
         low: half.iter().map(|half| -half).collect(),
         high: half,
     });
-    if let Some((name, comparison)) = rival {
-        let y = power.residual(comparison);
-        span.extend(&y);
-        marks.push(dashed(name, Ink::Rival, y));
-    }
-    marks.push(line(name, Ink::Model, residual));
-    Panel {
-        title: format!("{} measured minus model, pu", power.letter()),
-        height: 100,
-        vertical: padded(span_of(&span), LEAST_PU),
-        logarithmic: false,
-        marks,
-    }
+    let title = format!("{} measured minus model, pu", power.letter());
+    told.panel((title, 100), (behind, &reach), &series)
 }
 
 /// Residuals against voltage: dark early, bright late.
@@ -349,5 +444,44 @@ fn against_voltage(model: &Drawn) -> Chart {
         x,
         linked: None,
         panels: panels.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::adapters::report::fixture;
+
+    #[test]
+    fn a_bad_sample_does_not_set_the_axis_and_is_marked_at_its_end() {
+        let mut comparison = fixture::comparison("event_01", 0.7);
+        let at = comparison.time_s.len() - 5;
+        comparison.used[at] = false;
+        comparison.near_edge[at] = false;
+        comparison.active_measured_pu[at] = 9.0;
+        let sets = powers(&comparison);
+        let told = Told {
+            time_s: &comparison.time_s,
+            sets: &sets,
+            least: LEAST_PU,
+        };
+        let measured = |y| line("measured", Ink::Measured, y);
+        let values = &comparison.active_measured_pu[..];
+        let powers = told.panel(
+            ("P".to_owned(), 9),
+            (Vec::new(), &[]),
+            &[(values, &measured)],
+        );
+        let residual = residual_panel(("model", &comparison), None, Power::Active, &[]);
+        for panel in [powers, residual] {
+            let (_, high) = panel.vertical;
+            assert!(high < 3.0, "{:?}", panel.vertical);
+            assert!(panel.title.contains("cut off; "), "{}", panel.title);
+            let marked = panel.marks.iter().any(|mark| match mark {
+                Mark::Points { name, y, .. } => name == CUT_OFF && y.contains(&high),
+                _ => false,
+            });
+            assert!(marked, "{:?}", panel.marks);
+        }
     }
 }

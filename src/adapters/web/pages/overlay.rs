@@ -5,9 +5,9 @@ use std::sync::Arc;
 use super::{
     super::{
         desk::Judged,
-        plot::{Chart, Ink, Mark, Panel, padded, span_of},
+        plot::{Chart, Ink, Mark, span_of},
     },
-    event_charts::{Power, backdrop, residual_panel},
+    event_charts::{Power, Told, backdrop, powers, residual_panel},
 };
 
 /// Two models on one event.
@@ -35,27 +35,25 @@ pub(super) fn chart(overlay: &Overlay, captions: &Captions<'_>) -> Chart {
         dashed,
     };
     let backdrop = backdrop(Some(after));
+    let sets = powers(after);
+    let told = Told {
+        time_s: &after.time_s,
+        sets: &sets,
+        least: 0.004,
+    };
     let curves = |power: Power| {
-        let measured = power.measured(after);
-        let span = span_of(
-            measured
-                .iter()
-                .chain(power.model(before))
-                .chain(power.model(after)),
-        );
-        let mut marks = backdrop.clone();
-        marks.extend([
-            line("measured", Ink::Measured, measured, false),
-            line(captions.before, Ink::Rival, power.model(before), true),
-            line(captions.after, Ink::Model, power.model(after), false),
-        ]);
-        Panel {
-            title: power.title().to_owned(),
-            height: 200,
-            vertical: padded(span, 0.004),
-            logarithmic: false,
-            marks,
-        }
+        let measured = |y: Vec<f64>| line("measured", Ink::Measured, &y, false);
+        let without = |y: Vec<f64>| line(captions.before, Ink::Rival, &y, true);
+        let with = |y: Vec<f64>| line(captions.after, Ink::Model, &y, false);
+        told.panel(
+            (power.title().to_owned(), 200),
+            (backdrop.clone(), &[]),
+            &[
+                (power.measured(after), &measured),
+                (power.model(before), &without),
+                (power.model(after), &with),
+            ],
+        )
     };
     let left = |power| {
         let rival = Some((captions.before, before));

@@ -26,8 +26,10 @@ use super::{
     structure_view,
 };
 use crate::{
-    adapters::store::{JobKind, NewStructure, Origin, StoredFit, StructureChange, StructureRecord},
-    identification::{ErrorSummary, ParameterSet},
+    adapters::store::{
+        DecisionRecord, JobKind, NewStructure, Origin, StoredFit, StructureChange, StructureRecord,
+    },
+    identification::{Decision, ErrorSummary, ParameterSet},
 };
 
 /// Joint fits and changes looked through at most.
@@ -105,11 +107,26 @@ pub(in super::super) async fn change(
 pub(super) struct Stair {
     pub(super) fit: StoredFit,
     pub(super) set: ParameterSet,
+    /// What was decided on it; none where nothing has been yet.
+    pub(super) decision: Option<DecisionRecord>,
+    /// Version of the newest set of the run that was published.
+    pub(super) version: Option<u64>,
 }
 
 impl Stair {
     pub(super) fn held_out(&self) -> Option<&ErrorSummary> {
         self.set.held_out.as_ref()
+    }
+
+    /// What became of it, from a closed list; none where nothing has been decided yet.
+    pub(super) fn decided(&self) -> Option<&'static str> {
+        let record = self.decision.as_ref()?;
+        Some(match (&record.decision, record.version) {
+            (_, Some(_)) => "published",
+            _ if record.awaiting_approval => "awaiting_approval",
+            (Decision::AwaitApproval { .. }, None) => "refused",
+            _ => "rejected",
+        })
     }
 }
 
@@ -124,6 +141,8 @@ pub(super) struct StructurePage {
     pub(super) changes: Vec<StructureRecord>,
     /// The structure that is to be fitted.
     pub(super) wanted: Vec<String>,
+    /// Version and structure of the set in force.
+    pub(super) in_force: Option<(u64, Vec<String>)>,
     /// Error over noise of a perfect model, where a diagnosis says it.
     pub(super) floor: f64,
     pub(super) overlay: Option<Overlay>,
@@ -135,7 +154,17 @@ impl StructurePage {
     fn load(desk: &Desk, site: &str, asked: Asked, access: Access) -> Result<Self, Problem> {
         let head = SiteHead::load(desk, site)?;
         let store = desk.store();
-        let stairs = stairs(store.fits(site, JobKind::IdentifySite, LOOKED_AT_MAX)?)?;
+        let decisions = store.decisions(site, LOOKED_AT_MAX)?;
+        let fits = store.fits(site, JobKind::IdentifySite, LOOKED_AT_MAX)?;
+        let stairs = stairs(fits, &decisions)?;
+        let in_force = match store.set_in_force(site)? {
+            None => None,
+            Some(stored) => {
+                let set = stored.set();
+                let set = set.map_err(|e| Problem::unreadable("a parameter set", &e))?;
+                Some((stored.version, set.structure))
+            }
+        };
         let changes = store.structures(site, LOOKED_AT_MAX)?;
         let newest = store.structure(site, None)?.map(|record| record.structure);
         let fitted = stairs.last().map(|stair| stair.fit.structure.clone());
@@ -155,6 +184,7 @@ impl StructurePage {
             stairs,
             changes,
             wanted,
+            in_force,
             floor,
             overlay,
             missing,
@@ -187,18 +217,26 @@ pub(super) fn still_missing(answers: &[String], structure: &[String]) -> Vec<Str
 }
 
 /// The newest fit of each run of fits with one structure.
-fn stairs(newest_first: Vec<StoredFit>) -> Result<Vec<Stair>, Problem> {
+fn stairs(
+    newest_first: Vec<StoredFit>,
+    decisions: &[DecisionRecord],
+) -> Result<Vec<Stair>, Problem> {
     let mut stairs: Vec<Stair> = Vec::new();
     for fit in newest_first {
-        if stairs
-            .last()
-            .is_some_and(|later| later.fit.structure == fit.structure)
-        {
+        let decision = decisions.iter().find(|decision| decision.fit == fit.id);
+        let version = decision.and_then(|decision| decision.version);
+        if let Some(later) = (stairs.last_mut()).filter(|s| s.fit.structure == fit.structure) {
+            later.version = later.version.or(version);
             continue;
         }
         let set = fit.set().map_err(|e| Problem::unreadable("a fit", &e))?;
         if let Some(set) = set {
-            stairs.push(Stair { fit, set });
+            stairs.push(Stair {
+                fit,
+                set,
+                decision: decision.cloned(),
+                version,
+            });
         }
     }
     stairs.reverse();
@@ -264,11 +302,17 @@ impl Page for StructurePage {
                 "held_out_error_to_noise_away_from_edges": stair.held_out().map(|e| e.error_to_noise_away_from_edges),
                 "held_out_eps_p_percent": stair.held_out().map(|e| e.eps_p_percent),
                 "held_out_eps_q_percent": stair.held_out().map(|e| e.eps_q_percent),
+                "decision": stair.decided(),
+                "decision_reason": stair.decision.as_ref().map(|record| record.decision.reason()),
+                "version": stair.version,
             })
         });
         Ok(json!({
             "site": self.head.site.name,
             "structure": self.wanted,
+            "in_force": self.in_force.as_ref().map(|(version, structure)| json!({
+                "version": version, "structure": structure,
+            })),
             "fit_awaited": self.awaited(),
             "noise_floor": self.floor,
             "steps": steps.collect::<Vec<_>>(),
@@ -289,6 +333,8 @@ impl Page for StructurePage {
             "held_out_error_to_noise_away_from_edges",
             "held_out_eps_p_percent",
             "held_out_eps_q_percent",
+            "decision",
+            "version",
         ]);
         table.rows = self
             .stairs
@@ -303,6 +349,10 @@ impl Page for StructurePage {
                     cell(held_out(|e| e.error_to_noise_away_from_edges)),
                     cell(held_out(|e| e.eps_p_percent)),
                     cell(held_out(|e| e.eps_q_percent)),
+                    stair.decided().unwrap_or_default().to_owned(),
+                    stair
+                        .version
+                        .map_or_else(String::new, |version| version.to_string()),
                 ]
             })
             .collect();

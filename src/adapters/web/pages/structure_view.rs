@@ -23,7 +23,7 @@ use crate::{
 pub(super) fn body(page: &StructurePage, source: &str) -> Markup {
     html! {
         h1 { "Model structure" }
-        p.lead { "The model is " strong { (words::structure(&page.wanted)) } "." }
+        (lead(page))
         @if page.awaited() {
             p.done role="status" {
                 "A fit with this structure is under way or queued; this page shows it as soon as it is there."
@@ -40,6 +40,51 @@ pub(super) fn body(page: &StructurePage, source: &str) -> Markup {
             (plot::figure(&before_and_after(overlay), Some(source)))
         }
         @if !page.changes.is_empty() { (changes(page)) }
+    }
+}
+
+/// The model that counts, and the one that was asked for where that is another.
+fn lead(page: &StructurePage) -> Markup {
+    let wanted = words::structure(&page.wanted);
+    let Some((version, structure)) = &page.in_force else {
+        return html! { p.lead { "The model is to be " strong { (wanted) } "; no set of it is published yet." } };
+    };
+    let decided = page.stairs.last().filter(|_| !page.awaited());
+    html! {
+        p.lead { "The model in force is " strong { (words::structure(structure)) } " (version " (version) ")." }
+        @if *structure != page.wanted {
+            p.note {
+                "Asked for is " strong { (wanted) }
+                @match decided.and_then(|stair| stair.decision.as_ref()) {
+                    Some(record) => { ", which is not in force: " (record.decision.reason()) "." }
+                    None => { ", which is not in force yet." }
+                }
+            }
+        }
+    }
+}
+
+/// What became of a step: a fit may be valid and yet be rejected for another that is better.
+fn outcome(stair: &Stair) -> Markup {
+    let reason = stair
+        .decision
+        .as_ref()
+        .map(|record| record.decision.reason());
+    let chip = |class: &str, word: &str| {
+        html! { span class={ "chip " (class) } title=[reason] { (word) } }
+    };
+    html! {
+        @match stair.decided() {
+            Some("published") => (verdict(stair.fit.verdict)),
+            Some("awaiting_approval") => (chip("open", "waits for approval")),
+            Some("refused") => (chip("bad", "refused")),
+            Some(_) => (chip("bad", "rejected")),
+            None => (verdict(stair.fit.verdict)),
+        }
+        @if let Some(version) = stair.version {
+            @if stair.decided() == Some("published") { " version " (version) }
+            @else { " version " (version) " published before" }
+        }
     }
 }
 
@@ -222,7 +267,7 @@ fn steps(page: &StructurePage) -> Markup {
                 tbody { @for (place, stair) in page.stairs.iter().enumerate() { tr {
                     th scope="row" { a href=(page.head.address(&format!("solutions?fit=fit-{}", stair.fit.id.0))) { (step_name(&page.stairs, place)) } }
                     td.time data-label="Fitted, UTC" { (words::utc(stair.fit.stored_ns)) }
-                    td data-label="Verdict" { (verdict(stair.fit.verdict)) }
+                    td data-label="Verdict" { (outcome(stair)) }
                     td.num data-label="Error / noise, fitted" { (number::significant(stair.set.fit.error_to_noise, 3)) }
                     @if let Some(errors) = stair.held_out() {
                         td.num data-label="held out" { (number::significant(errors.error_to_noise, 3)) }

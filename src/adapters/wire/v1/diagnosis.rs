@@ -12,7 +12,7 @@ use crate::{
     adapters::wire::DocumentError,
     diagnosis::{
         Candidate, Diagnosis, DiagnosisCost, EventSets, GeneralForm, StructureErrors, Unexplained,
-        UnexplainedTerm, Untestable,
+        UnexplainedTerm, Untestable, misfit_root_floor,
     },
     identification::FittedStructure,
     load_model::effect::Kind,
@@ -49,6 +49,10 @@ pub struct DiagnosisV1 {
     /// Error over noise that a perfect model would have.
     #[serde(with = "nullable")]
     pub noise_floor: f64,
+    /// What a perfect model leaves of `failures[].error_to_noise` and of the candidates'
+    /// `held_out_error_before` and `_after`, which are roots of the misfit per sample.
+    #[serde(default = "misfit_root_floor")]
+    pub misfit_root_floor: f64,
     /// Residuals by segment and channel, all events together.
     pub segments: Vec<SegmentResidualV1>,
     /// Where it fails, event by event.
@@ -244,6 +248,7 @@ impl DiagnosisV1 {
             baseline: (&diagnosis.baseline).into(),
             error_to_noise: diagnosis.baseline.quoted().error_to_noise,
             noise_floor: diagnosis.noise_floor,
+            misfit_root_floor: misfit_root_floor(),
             segments: all(&diagnosis.segments),
             failures: all(&diagnosis.failures),
             candidates: all(&diagnosis.candidates),
