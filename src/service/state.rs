@@ -5,8 +5,8 @@ mod publication;
 use std::{collections::BTreeMap, sync::Arc};
 
 use super::{
-    Backlog, BacklogPart, Command, Event, Failure, FitEnd, ServiceOptions, SiteOptions, Work,
-    fits::Fits, outbox::Outbox, publishing::Publishing, streams::Streams, windows::Windows,
+    Backlog, BacklogPart, Command, Event, Failure, ServiceOptions, SiteOptions, Work, fits::Fits,
+    outbox::Outbox, publishing::Publishing, streams::Streams, windows::Windows,
 };
 use crate::{
     disturbance::Window,
@@ -347,13 +347,7 @@ impl State {
                 report_failure(failure, true, out);
             }
             Event::LeaseAnswered { job, held } => self.fits.lease_answered(job, held, out),
-            Event::FitEnded { job, end } => {
-                let repeated = matches!(end, FitEnd::DiagnosedBefore { .. });
-                self.fits.fit_ended(now_ns, job, end, options, out);
-                if repeated {
-                    self.load_unpublished(out);
-                }
-            }
+            Event::FitEnded { job, end } => self.fit_ended(now_ns, job, end, out),
             Event::FitStored { job, fit } => self.fits.fit_stored(job, fit, options, out),
             Event::DecisionCommitted {
                 job,

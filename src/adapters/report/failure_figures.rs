@@ -424,7 +424,7 @@ pub(super) fn ladder(
         .iter()
         .filter(|f| f.lowest_voltage.is_finite())
         .collect();
-    let floor = floor.max(1e-3).log10();
+    let floor = floor.log10();
     let mut marks = vec![Mark::Level {
         at: floor,
         ink: Ink::Onset,
@@ -471,11 +471,7 @@ pub(super) fn ladder(
              fit) of {} events against their lowest voltage; triangles untouched, dots all \
              others{}; the line is what a perfect model leaves.",
             finite.len(),
-            if before.is_some() {
-                ", rings before"
-            } else {
-                ""
-            }
+            before.map_or("", |_| ", rings before")
         ),
         width_px: WIDTH_PX,
         horizontal: padded(extent(finite.iter().map(|f| f.lowest_voltage))),

@@ -2,7 +2,7 @@
 
 use super::State;
 use crate::{
-    service::{AskedDocument, BacklogPart, Command, Event, outbox::Outbox},
+    service::{AskedDocument, BacklogPart, Command, Event, FitEnd, outbox::Outbox},
     telemetry::sets::{QueryAnswered, QueryOutcome},
 };
 
@@ -52,6 +52,15 @@ impl State {
     pub(super) fn load_unpublished(&mut self, out: &mut Outbox) {
         self.documents_loading += 1;
         out.push(Command::LoadBacklog(BacklogPart::Unpublished));
+    }
+
+    /// A fit or a diagnosis ended. One that is kept once more is published as a new one is.
+    pub(super) fn fit_ended(&mut self, now_ns: i64, job: i64, end: FitEnd, out: &mut Outbox) {
+        let repeated = matches!(end, FitEnd::DiagnosedBefore { .. });
+        self.fits.fit_ended(now_ns, job, end, &self.options, out);
+        if repeated {
+            self.load_unpublished(out);
+        }
     }
 
     fn answer(
