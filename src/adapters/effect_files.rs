@@ -58,7 +58,8 @@ fn text(bytes: &[u8]) -> Result<String, String> {
         }
         Err(error) => {
             let at = error.valid_up_to();
-            let line = 1 + own[..at].iter().filter(|byte| **byte == b'\n').count();
+            let before = String::from_utf8_lossy(&own[..at]);
+            let line = 1 + before.matches('\n').count();
             Err(format!(
                 "no text in UTF-8: line {line} holds the byte 0x{:02x}; save it as UTF-8",
                 own.get(at).copied().unwrap_or(0)

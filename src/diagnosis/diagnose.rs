@@ -242,13 +242,7 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
         let declared = answer.contains(&place);
         let refused = match evidence {
             _ if declared => Vec::new(),
-            None if trial.tried => {
-                let no_value = case.without_value(&round.base().baseline, trial.name());
-                vec![no_value.map_or_else(
-                    || "no fit with it follows the events better than without it".to_owned(),
-                    |no_value| no_value.to_string(),
-                )]
-            }
+            None if trial.tried => vec![without_fit(case, round, trial)],
             None => vec![SCREENED_OUT.to_owned()],
             Some(e) => objections(e, &case.options.claim),
         };
@@ -322,6 +316,15 @@ fn too_slow(case: &Case<'_>, structure: &Structure) -> Vec<Untestable> {
     };
     let hidden = hidden_by_rate(structure, case).into_iter();
     hidden.filter_map(unseen).collect()
+}
+
+/// Why an effect that was tried has no fit.
+fn without_fit(case: &Case<'_>, round: &Round, trial: &Trial) -> String {
+    let no_value = case.without_value(&round.base().baseline, trial.name());
+    no_value.map_or_else(
+        || "no fit with it follows the events better than without it".to_owned(),
+        |no_value| no_value.to_string(),
+    )
 }
 
 /// The effects that could not be looked for, because they have no finite value in some event.

@@ -504,9 +504,8 @@ fn rise_on_untouched(before: &StructureErrors, after: &StructureErrors) -> Optio
 
 /// Whether one of two effects is declared to resemble the other.
 fn alike(one: &str, other: &str) -> bool {
-    let declared = |name: &str| effects::find(name).map(|effect| effect.declaration());
-    let pair = declared(one).zip(declared(other));
-    pair.is_some_and(|(one, other)| one.is_like(other))
+    let pair = effects::find(one).zip(effects::find(other));
+    pair.is_some_and(|(one, other)| one.declaration().is_like(other.declaration()))
 }
 
 fn without(structure: &Structure, effect: &str) -> Result<Structure, IdentificationError> {

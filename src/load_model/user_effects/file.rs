@@ -185,16 +185,7 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
     let mut root = Table::new(text, document.get_ref(), 0, "the file".to_owned());
     let header = header(&mut root, faults);
     let (needs, separating_event) = needs(root.section("needs", faults), faults);
-    let before = faults.0.len();
-    let tables = ["parameters", "states"].map(|key| root.sections(key, faults));
-    if tables[0].is_empty() && faults.0.len() == before {
-        root.missing("parameters", declared::AMPLITUDE_NEEDED, faults);
-    }
-    let count = tables.iter().map(Vec::len).sum();
-    let [parameters, states] = tables;
-    let parameters = declared::parameters(parameters, 0, faults);
-    let states = declared::states(states, faults);
-    let open = Open::new((&parameters, &states), count);
+    let (parameters, states, open) = declarations(&mut root, faults);
     let symbols = declared::symbols(&parameters, &states, faults);
     let spelled_out = parameters
         .iter()
@@ -207,19 +198,10 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
         return None;
     }
     unused_parameters(&parameters, &compiler, faults);
-    let names = states.iter().map(|s| s.name.clone()).collect();
-    let mut all: Vec<(String, String)> =
-        states.into_iter().map(|s| (s.name.value, s.unit)).collect();
-    let of_functions = compiler.kept_units().iter().enumerate();
-    all.extend(
-        of_functions.map(|(k, unit)| (format!("function_state_{}", k + 1), unit.to_string())),
-    );
-    let declared: Vec<Text> = names;
-    unused_states(
-        &declared,
-        compiler.used_states(expressions.power, &expressions.rates),
-        faults,
-    );
+    let names: Vec<Text> = states.iter().map(|s| s.name.clone()).collect();
+    let used = compiler.used_states(expressions.power, &expressions.rates);
+    unused_states(&names, used, faults);
+    let all = all_states(states, &compiler);
     let formulas = formulas(compiler, expressions);
     let formulas = formulas
         .map_err(|f| faults.add(0, f.message, f.cure))
@@ -244,6 +226,33 @@ fn read(text: &str, faults: &mut Faults) -> Option<EffectFile> {
         formulas,
         warnings: warning.into_iter().map(|w| w.place(text)).collect(),
     })
+}
+
+/// Parameters and states, those that can be read, and what others leave open.
+fn declarations(
+    root: &mut Table<'_>,
+    faults: &mut Faults,
+) -> (Vec<OwnedParameter>, Vec<OwnedState>, Open) {
+    let before = faults.0.len();
+    let tables = ["parameters", "states"].map(|key| root.sections(key, faults));
+    if tables[0].is_empty() && faults.0.len() == before {
+        root.missing("parameters", declared::AMPLITUDE_NEEDED, faults);
+    }
+    let count = tables.iter().map(Vec::len).sum();
+    let [parameters, states] = tables;
+    let parameters = declared::parameters(parameters, 0, faults);
+    let states = declared::states(states, faults);
+    let open = Open::new((&parameters, &states), count);
+    (parameters, states, open)
+}
+
+/// Names and units of the declared states and of those that functions keep.
+fn all_states(states: Vec<OwnedState>, compiler: &Compiler) -> Vec<(String, String)> {
+    let declared = states.into_iter().map(|s| (s.name.value, s.unit));
+    let of_functions = compiler.kept_units().iter().enumerate();
+    let of_functions =
+        of_functions.map(|(k, unit)| (format!("function_state_{}", k + 1), unit.to_string()));
+    declared.chain(of_functions).collect()
 }
 
 struct Header {
