@@ -45,27 +45,18 @@ pub(super) struct Bands {
     pub(super) spreads: Vec<DMatrix<f64>>,
 }
 
-impl Bands {
-    /// A fit with its bands where they are.
-    pub(super) fn none(fit: &ComposedFit) -> Self {
-        Self {
-            fit: fit.clone(),
-            places: Vec::new(),
-            spreads: Vec::new(),
-        }
-    }
-}
-
-/// The bands of the fit's effects whose beginning the events leave open by more than [`STEP`], one after the other; those
-/// whose place among what is free is one of `staying` are left as they are.
+/// The bands of the fit's effects whose beginning the events leave open by more than [`STEP`], one after the other.
 pub(super) fn bands(
     rows: &[EventRows<'_>],
     fit: &ComposedFit,
-    staying: &[usize],
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Bands {
-    let mut found = Bands::none(fit);
+    let mut found = Bands {
+        fit: fit.clone(),
+        places: Vec::new(),
+        spreads: Vec::new(),
+    };
     let settings = ComposedFitOptions {
         rounds_max: 1,
         local: local_solver::Options {
@@ -76,9 +67,6 @@ pub(super) fn bands(
         ..*options
     };
     for [voltage, width] in ends(fit) {
-        if staying.iter().any(|place| fit.free[*place] == voltage) {
-            continue;
-        }
         let walk = Walk {
             rows,
             fit: &found.fit,

@@ -6,7 +6,7 @@
 //! the spread is widened only where the events then still disagree (decision 0034).
 
 use super::{
-    band::{Bands, bands},
+    band::bands,
     coordinates::Coordinates,
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions, Place, fit_rows, squares},
@@ -53,8 +53,9 @@ pub fn narrowed(
         scatter: options.scatter.times([1.0, shown.unwrap_or(1.0)]),
         ..*options
     };
-    let (begun, quoted) = with_its_errors(&rows, fit, &stated, cancel);
-    let begun = held(&begun, quoted.as_ref());
+    let bands = bands(&rows, fit, &stated, cancel);
+    let quoted = quoted::quoted(&rows, &bands, &stated, cancel);
+    let begun = held(&bands.fit, quoted.as_ref());
     // A relay's settings have corners at which a step along all parameters at once goes nowhere.
     let smooth = without_shapes(&begun);
     let again = |from: &ComposedFit, shares: [f64; 2]| {
@@ -88,24 +89,6 @@ pub fn narrowed(
         moved.covariance = covariance.or_else(|| fit.covariance.clone());
     }
     moved
-}
-
-/// `fit` with its bands where they are at the mean, and the covariance that is quoted.
-fn with_its_errors(
-    rows: &[EventRows<'_>],
-    fit: &ComposedFit,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> (ComposedFit, Option<Quoted>) {
-    let unwalked = Bands::none(fit);
-    let quoted = quoted::quoted(rows, &unwalked, options, cancel);
-    let staying = quoted.as_ref().map_or(&[][..], |quoted| &quoted.staying);
-    let walked = bands(rows, fit, staying, options, cancel);
-    if walked.places.is_empty() {
-        return (unwalked.fit, quoted);
-    }
-    let quoted = quoted::quoted(rows, &walked, options, cancel);
-    (walked.fit, quoted)
 }
 
 /// Whether the second fit, whose events may differ more, is for all of them together about as good as the first
