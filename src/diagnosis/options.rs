@@ -95,7 +95,7 @@ pub struct ClaimOptions {
 
 /// Root of the misfit per sample that a perfect model leaves: the floor of an event's failure and of
 /// what candidates do to the held-out events. Residuals over noise have another one,
-/// [`ERROR_TO_NOISE_FLOOR`](super::ERROR_TO_NOISE_FLOOR).
+/// [`ERROR_TO_NOISE_FLOOR`](super::diagnose::ERROR_TO_NOISE_FLOOR).
 #[must_use]
 pub fn misfit_root_floor() -> f64 {
     ClaimOptions::default().floor.sqrt()
