@@ -62,12 +62,13 @@ fn claimed(case: &Case<'_>, round: &Round, errors: &StructureErrors) -> Option<S
         let after = case.error_on_untouched(fit).unwrap_or(f64::INFINITY);
         return Some(moved(&named, "on untouched events", before, after));
     }
+    // What the gate is judged by is the misfit; its root is no error over noise.
     let gate = first.evidence.as_ref()?.gate?;
-    Some(moved(
+    let [before, after] = [gate.before, gate.after].map(f64::sqrt);
+    Some(format!(
+        "with {} the root of the misfit of the gating events, which neither fit has seen, {} from {before:.2} to {after:.2}",
         first.name(),
-        "on the gating events, which neither fit has seen,",
-        gate.before.sqrt(),
-        gate.after.sqrt(),
+        direction(before, after)
     ))
 }
 
@@ -88,10 +89,14 @@ fn moved(with: &str, events: &str, before: f64, after: f64) -> String {
             "with {with} there is no response {events} ({before:.2} times the noise without)"
         );
     }
-    let direction = if after <= before { "falls" } else { "rises" };
+    let direction = direction(before, after);
     format!(
         "with {with} the error {events} {direction} from {before:.2} to {after:.2} times the noise"
     )
+}
+
+const fn direction(before: f64, after: f64) -> &'static str {
+    if after <= before { "falls" } else { "rises" }
 }
 
 /// How the error fell from the first step to the last; none where there is one step only.
