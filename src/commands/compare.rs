@@ -10,8 +10,9 @@ use std::{
 
 use self::side::{Asked, Side};
 use super::{
-    fitting::{self, Events, FitArgs, SourceArgs, SourceError},
+    fitting::FitArgs,
     misuse::{self, MayBeMisuse, Misuse, names_no_event},
+    source::{Events, SourceArgs, SourceError, parts_of},
     target,
 };
 use crate::{
@@ -145,8 +146,8 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
     args.fit.check()?;
     let (first, second) = asked(args)?;
     for asked in [Some(&first), second.as_ref()].into_iter().flatten() {
-        if let Asked::Structure(parts) = asked {
-            misuse::no_impossible_change(&fitting::parts_of(parts), &[], &[])?;
+        if let Asked::Structure(Some(parts)) = asked {
+            misuse::no_impossible_change(&parts_of(parts), &[], &[])?;
         }
     }
     let report_error = |source| CompareError::WriteReport {
@@ -154,11 +155,10 @@ pub fn run(args: &CompareArgs, out: &mut dyn Write) -> Result<(), CompareError> 
         source,
     };
     target::can_be_written(&args.report).map_err(report_error)?;
-    let events = fitting::events(&args.source)?;
-    let options = args.fit.options();
+    let events = args.source.events()?;
+    let options = args.fit.options(&events.identification);
     let store = args.source.store.as_deref();
-    let site = args.source.site.to_string_lossy();
-    let side = |asked: &Asked| Side::new(asked, (store, &site), &args.fit, &events, &options);
+    let side = |asked: &Asked| Side::new(asked, store, &events, &options);
     let first = side(&first)?;
     let second = second.as_ref().map(side).transpose()?;
     let left_out = left_out(&events, &first);
@@ -452,9 +452,15 @@ mod tests {
             fitted: vec!["a".to_owned(), "b".to_owned()],
             held_out: vec!["c".to_owned()],
         };
-        assert_eq!(args.fit.options().split, expected);
+        assert_eq!(
+            args.fit.options(&IdentificationOptions::default()).split,
+            expected
+        );
         let args = parsed(&["dir"]).unwrap();
-        assert_eq!(args.fit.options(), IdentificationOptions::default());
+        assert_eq!(
+            args.fit.options(&IdentificationOptions::default()),
+            IdentificationOptions::default()
+        );
     }
 
     #[test]
@@ -464,8 +470,9 @@ mod tests {
         let source = SourceArgs {
             site: site.extract_to(parent.path()).unwrap(),
             store: None,
+            config: None,
         };
-        let windows = fitting::events(&source).unwrap().usable;
+        let windows = source.events().unwrap().usable;
         assert_eq!(windows[0].id, "event_01");
         assert!(windows.iter().all(|w| w.triggers == [Trigger::Recording]));
     }
@@ -481,8 +488,8 @@ mod tests {
     #[test]
     fn any_two_may_stand_side_by_side() {
         let of = |words: &[&str]| asked(&parsed(words).unwrap());
-        let plain = || Asked::Structure("zip+induction_motor".to_owned());
-        assert_eq!(of(&["dir"]).unwrap(), (plain(), None));
+        assert_eq!(of(&["dir"]).unwrap(), (Asked::Structure(None), None));
+        let plain = || Asked::Structure(Some("zip+induction_motor".to_owned()));
         let (first, second) =
             of(&["dir", "--with", "zip+induction_motor", "--with", "q.json"]).unwrap();
         assert_eq!(

@@ -2,10 +2,7 @@
 
 use std::{io::Write, time::Instant};
 
-use super::{
-    diagnosing::{self, DiagnosingError, DiagnosisArgs},
-    fitting,
-};
+use super::diagnosing::{self, DiagnosingError, DiagnosisArgs};
 use crate::{
     adapters::{report, wire::v1::DiagnosisV1},
     diagnosis::{self, Diagnosis},
@@ -34,14 +31,15 @@ pub struct DiagnoseArgs {
 pub fn run(args: &DiagnoseArgs, out: &mut dyn Write) -> Result<(), DiagnosingError> {
     let args = &args.common;
     args.check(&[], &[])?;
-    let events = fitting::events(&args.source)?;
+    let events = args.source.events()?;
+    let structure = args.parts(&events, &[], &[])?;
     let options = args.options(&events)?;
     let bar = diagnosing::bar();
     let begun = Instant::now();
     let found = diagnosis::diagnose(
         &events.site,
         &events.usable,
-        &args.parts(),
+        &structure,
         &options,
         &|progress| diagnosing::show(&bar, progress),
         &|| false,
@@ -78,6 +76,7 @@ fn print(found: &Diagnosis, out: &mut dyn Write) -> std::io::Result<()> {
     diagnosing::print_errors(&found.baseline, found.noise_floor, out)?;
     diagnosing::print_origin_of_errors(&found.events, out)?;
     diagnosing::print_failures(found, out)?;
+    diagnosing::print_effects(found, out)?;
     diagnosing::print_candidates(found, out)?;
     diagnosing::print_limits(found, out)?;
     writeln!(
@@ -111,6 +110,7 @@ mod tests {
             "event_06     0.550",
             "s after the clearing P is",
             "early recovery",
+            "not needed: improve --remove",
             "answer, not to be told apart: electronic_load_dropout, self_disconnection",
             "saturation: share shows from 0.400 on, and 0.020 would matter",
             "    dp = \"a*v\"",
@@ -133,7 +133,7 @@ mod tests {
             Program::try_parse_from(words).unwrap().args.common
         };
         let args = parse(&["--train", "event_01", "--hold-out", "event_02"]);
-        let events = fitting::events(&args.source).unwrap();
+        let events = args.source.events().unwrap();
         let EventSplit::Named { gate, untouched } = args.options(&events).unwrap().split else {
             panic!("named");
         };

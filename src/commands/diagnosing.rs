@@ -11,8 +11,8 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{
-    fitting::{self, Events, SourceArgs, SourceError},
     misuse::{self, MayBeMisuse, Misuse, names_no_event},
+    source::{Events, SourceArgs, SourceError, parts_of},
     target,
 };
 use crate::{
@@ -26,7 +26,7 @@ use crate::{
         misfit_root_floor,
     },
     identification::{ErrorSummary, IdentificationError},
-    load_model::effect::Kind,
+    load_model::{Structure, effect::Kind},
 };
 
 /// Options of a diagnosis.
@@ -35,9 +35,10 @@ pub struct DiagnosisArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "the flattened options bring their own help")]
     pub source: SourceArgs,
-    /// Parts of the model.
-    #[arg(long, value_name = "A+B", default_value = "zip+induction_motor")]
-    pub structure: String,
+    /// Parts of the model. Default: with --store those that the site is to have, with --config those
+    /// configured, otherwise `zip+induction_motor`.
+    #[arg(long, value_name = "A+B")]
+    pub structure: Option<String>,
     /// Events to fit, by name; those in neither list stay untouched, and the error quoted comes
     /// from them. Default: chosen by depth.
     #[arg(long, value_name = "EVENT,...", value_delimiter = ',')]
@@ -114,7 +115,11 @@ impl DiagnosisArgs {
     /// [`DiagnosingError::Misuse`], [`DiagnosingError::WriteReport`], [`DiagnosingError::WriteFigure`].
     pub(super) fn check(&self, add: &[String], remove: &[String]) -> Result<(), DiagnosingError> {
         misuse::no_event_twice(&self.train, &self.hold_out)?;
-        misuse::no_impossible_change(&self.parts(), add, remove)?;
+        if let Some(asked) = &self.structure {
+            misuse::no_impossible_change(&parts_of(asked), add, remove)?;
+        } else if self.source.store.is_none() && self.source.config.is_none() {
+            misuse::no_impossible_change(&Structure::zip_im().names(), add, remove)?;
+        }
         if let Some(path) = &self.report {
             target::can_be_written(path).map_err(|source| DiagnosingError::WriteReport {
                 path: path.clone(),
@@ -130,9 +135,20 @@ impl DiagnosisArgs {
         Ok(())
     }
 
-    /// The parts of the model by name.
-    pub(super) fn parts(&self) -> Vec<String> {
-        fitting::parts_of(&self.structure)
+    /// The parts of the model by name, which can be changed so.
+    ///
+    /// # Errors
+    ///
+    /// [`Misuse`] where they cannot.
+    pub(super) fn parts(
+        &self,
+        events: &Events,
+        add: &[String],
+        remove: &[String],
+    ) -> Result<Vec<String>, Misuse> {
+        let parts = events.parts(self.structure.as_deref())?;
+        misuse::no_impossible_change(&parts, add, remove)?;
+        Ok(parts)
     }
 
     /// The settings these options stand for.
@@ -151,7 +167,7 @@ impl DiagnosisArgs {
             }
         }
         if self.train.is_empty() && self.hold_out.is_empty() {
-            return Ok(DiagnosisOptions::default());
+            return Ok(events.diagnosis.clone());
         }
         let unnamed = names
             .into_iter()
@@ -168,7 +184,7 @@ impl DiagnosisArgs {
                 gate: self.hold_out.clone(),
                 untouched,
             },
-            ..DiagnosisOptions::default()
+            ..events.diagnosis.clone()
         })
     }
 
@@ -377,6 +393,37 @@ fn print_segments(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> 
             segment.name().replace('_', " "),
             of(segment, Channel::Active),
             of(segment, Channel::Reactive)
+        )?;
+    }
+    Ok(())
+}
+
+/// What the effects that the structure has already are worth.
+pub(super) fn print_effects(diagnosis: &Diagnosis, out: &mut dyn Write) -> io::Result<()> {
+    let effects = &diagnosis.effects;
+    if effects.is_empty() {
+        return Ok(());
+    }
+    let names = effects.iter().map(|worth| worth.effect.chars().count());
+    let width = names.max().unwrap_or(0).max("without".len());
+    writeln!(
+        out,
+        "\n{:width$} {:>10} {:>22}",
+        "without", "delta BIC", "untouched, over noise"
+    )?;
+    for worth in effects {
+        let error = worth.untouched_without;
+        writeln!(
+            out,
+            "{:width$} {:>10.0} {:>22}{}",
+            worth.effect,
+            worth.delta_bic_without,
+            error.map_or_else(|| "-".to_owned(), |error| format!("{error:.2}")),
+            if worth.is_superfluous {
+                "  not needed: improve --remove takes it out"
+            } else {
+                ""
+            }
         )?;
     }
     Ok(())

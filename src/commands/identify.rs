@@ -3,8 +3,9 @@
 use std::io::{self, Write};
 
 use super::{
-    fitting::{self, FitArgs, SourceArgs, SourceError},
+    fitting::{self, FitArgs},
     misuse::{MayBeMisuse, Misuse, names_no_event},
+    source::{SourceArgs, SourceError},
 };
 use crate::{
     adapters::wire::{DocumentError, v1::IdentificationV1},
@@ -69,8 +70,10 @@ impl MayBeMisuse for IdentifyError {
 /// See [`IdentifyError`].
 pub fn run(args: &IdentifyArgs, out: &mut dyn Write) -> Result<(), IdentifyError> {
     args.fit.check()?;
-    let events = fitting::events(&args.source)?;
-    let found = fitting::identify(&args.fit, &events, &args.fit.options())?;
+    let events = args.source.events()?;
+    let structure = events.parts(args.fit.structure.as_deref())?;
+    let options = args.fit.options(&events.identification);
+    let found = fitting::identify(&events, &structure, &options)?;
     if args.json {
         writeln!(out, "{}", IdentificationV1::new(&found)?.to_json()?)?;
         return Ok(());

@@ -5,10 +5,7 @@ use std::{
     time::Instant,
 };
 
-use super::{
-    diagnosing::{self, DiagnosingError, DiagnosisArgs},
-    fitting,
-};
+use super::diagnosing::{self, DiagnosingError, DiagnosisArgs};
 use crate::{
     adapters::{report, wire::v1::ImprovementV1},
     diagnosis::{self, Change, Improvement, ImprovementStep},
@@ -43,16 +40,17 @@ pub struct ImproveArgs {
 )]
 pub fn run(args: &ImproveArgs, out: &mut dyn Write) -> Result<(), DiagnosingError> {
     args.common.check(&args.add, &args.remove)?;
+    let events = args.common.source.events()?;
+    let structure = args.common.parts(&events, &args.add, &args.remove)?;
     let change = change(args);
     let args = &args.common;
-    let events = fitting::events(&args.source)?;
     let options = args.options(&events)?;
     let bar = diagnosing::bar();
     let begun = Instant::now();
     let done = diagnosis::improve(
         &events.site,
         &events.usable,
-        &args.parts(),
+        &structure,
         &change,
         &options,
         &|progress| diagnosing::show(&bar, progress),
@@ -99,6 +97,7 @@ fn print(done: &Improvement, seconds: f64, out: &mut dyn Write) -> io::Result<()
     print_staircase(done, out)?;
     print_notes(done, out)?;
     diagnosing::print_failures(&done.last, out)?;
+    diagnosing::print_effects(&done.last, out)?;
     diagnosing::print_candidates(&done.last, out)?;
     diagnosing::print_limits(&done.last, out)?;
     writeln!(out, "\n{seconds:.2} s")

@@ -23,13 +23,14 @@ pub mod profile;
 pub mod replay;
 pub mod run;
 pub mod solutions;
+mod source;
 pub mod structure;
 pub mod subscribe;
 mod target;
 
 use std::{
     io::{self, Write},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::ExitCode,
     time::Duration,
 };
@@ -41,6 +42,8 @@ use tokio::{
 };
 
 pub use error::Error;
+
+use crate::config::Config;
 
 /// Turns PMU and disturbance-recorder streams into proven load models.
 #[derive(Debug, Parser)]
@@ -75,7 +78,7 @@ enum Command {
     Replay(replay::ReplayArgs),
     /// Publish what a PMU or concentrator sends over zenoh
     Bridge(bridge::BridgeArgs),
-    /// Print parameter sets as they are published
+    /// Print parameter sets, or diagnoses, as they are published
     Subscribe(subscribe::SubscribeArgs),
     /// Hold a model against the measurements of a site folder: table and report with plots
     Compare(compare::CompareArgs),
@@ -103,11 +106,32 @@ enum Command {
     Man,
 }
 
+impl Command {
+    /// The configuration that a command fits by.
+    fn config(&self) -> Option<&Path> {
+        let source = match self {
+            Self::Identify(args) => &args.source,
+            Self::Compare(args) => &args.source,
+            Self::Diagnose(args) => &args.common.source,
+            Self::Improve(args) => &args.common.source,
+            Self::Profile(args) => &args.source,
+            Self::Solutions(args) => &args.source,
+            _ => return None,
+        };
+        source.config.as_deref()
+    }
+}
+
 /// `effect_files` are those of the command line. A configuration may name more, and all must be made
 /// known at one time.
 fn dispatch(command: Command, effect_files: &[PathBuf], out: &mut dyn Write) -> Result<(), Error> {
-    if !matches!(command, Command::Run(_) | Command::CheckConfig(_)) {
-        effects::register(effect_files)?;
+    match (&command, command.config()) {
+        (Command::Run(_) | Command::CheckConfig(_), _) => {}
+        (_, Some(path)) => {
+            let config = Config::load(path)?;
+            config.register_effects(effect_files, &path.display().to_string())?;
+        }
+        (_, None) => effects::register(effect_files)?,
     }
     match command {
         Command::Run(args) => run::run(&args, effect_files),

@@ -8,8 +8,9 @@ use std::{
 };
 
 use super::{
-    fitting::{self, FitArgs, SourceArgs, SourceError},
+    fitting::FitArgs,
     misuse::{MayBeMisuse, Misuse, names_no_event},
+    source::{SourceArgs, SourceError},
     target,
 };
 use crate::{
@@ -104,16 +105,18 @@ pub fn run(args: &ProfileArgs, out: &mut dyn Write) -> Result<(), ProfileCommand
             source,
         })?;
     }
-    let events = fitting::events(&args.source)?;
+    let events = args.source.events()?;
+    let structure = events.parts(args.fit.structure.as_deref())?;
+    let options = args.fit.options(&events.identification);
     let spinner = indicatif::ProgressBar::new_spinner();
     spinner.set_message(format!("fitting {} events", events.usable.len()));
     spinner.enable_steady_tick(Duration::from_millis(120));
     let found = profile_site(
         &events.site,
         &events.usable,
-        &args.fit.parts(),
+        &structure,
         &args.parameters,
-        (&args.fit.options(), &ProfileOptions::default()),
+        (&options, &ProfileOptions::default()),
         &|name, points| spinner.set_message(format!("{name}: {points} points")),
         &|| false,
     );

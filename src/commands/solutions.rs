@@ -8,8 +8,9 @@ use std::{
 };
 
 use super::{
-    fitting::{self, FitArgs, SourceArgs, SourceError},
+    fitting::{self, FitArgs},
     misuse::{MayBeMisuse, Misuse, names_no_event},
+    source::{SourceArgs, SourceError},
     target,
 };
 use crate::{
@@ -119,16 +120,17 @@ pub fn run(args: &SolutionsArgs, out: &mut dyn Write) -> Result<(), SolutionsErr
             source,
         })?;
     }
-    let events = fitting::events(&args.source)?;
+    let events = args.source.events()?;
+    let structure = events.parts(args.fit.structure.as_deref())?;
     let mut fit = args.fit.clone();
     fit.train.extend(args.event.clone());
-    let mut options = fit.options();
+    let mut options = fit.options(&events.identification);
     options.search.check = match args.check {
         Check::Off => ScanCheck::Off,
         Check::Coarse => ScanCheck::Coarse,
         Check::Dense => ScanCheck::Dense,
     };
-    let found = fitting::identify(&fit, &events, &options)?;
+    let found = fitting::identify(&events, &structure, &options)?;
     if args.json {
         writeln!(out, "{}", SolutionsV1::new(&found).to_json()?)?;
     } else if args.csv {

@@ -1,4 +1,4 @@
-//! `loadmodeld subscribe`: parameter sets as they are published.
+//! `loadmodeld subscribe`: parameter sets, or diagnoses, as they are published.
 
 use std::io::Write;
 
@@ -13,17 +13,20 @@ use crate::adapters::zenoh::{self, Keys, ZenohError, is_chunk};
 pub struct SubscribeArgs {
     /// Site; all of them when left out
     site: Option<String>,
-    /// Print each set as one line of JSON
+    /// Print diagnoses, not sets
+    #[arg(long)]
+    diagnoses: bool,
+    /// Print each document as one line of JSON
     #[arg(long)]
     json: bool,
-    /// End after so many sets
+    /// End after so many documents
     #[arg(long, value_name = "N")]
     count: Option<u64>,
     #[command(flatten)]
     connection: ConnectionArgs,
 }
 
-/// Prints sets until it is interrupted or has printed as many as were asked for.
+/// Prints documents until it is interrupted or has printed as many as were asked for.
 ///
 /// # Errors
 ///
@@ -40,12 +43,17 @@ pub fn run(args: &SubscribeArgs, out: &mut dyn Write) -> Result<(), Error> {
 async fn subscribe(args: &SubscribeArgs, out: &mut dyn Write) -> Result<(), Error> {
     let options = args.connection.options()?;
     let session = zenoh::open(&options).await?;
-    let key = Keys::new(&options.prefix).parameters(args.site.as_deref().unwrap_or("*"));
-    let sets = zenoh::documents(&session, &key).await?;
+    let (keys, site) = (Keys::new(&options.prefix), args.site.as_deref());
+    let (key, in_words): (String, fn(&str) -> String) = if args.diagnoses {
+        (keys.diagnosis(site.unwrap_or("*")), diagnosis_in_words)
+    } else {
+        (keys.parameters(site.unwrap_or("*")), in_words)
+    };
+    let documents = zenoh::documents(&session, &key).await?;
     let mut printed = 0;
     while args.count.is_none_or(|count| printed < count) {
         let document = tokio::select! {
-            document = sets.next() => document,
+            document = documents.next() => document,
             asked = super::asked_to_end() => {
                 asked?;
                 break;
@@ -66,20 +74,51 @@ async fn subscribe(args: &SubscribeArgs, out: &mut dyn Write) -> Result<(), Erro
     Ok(())
 }
 
+fn text(value: &Value) -> String {
+    value
+        .as_str()
+        .map_or_else(|| value.to_string(), str::to_owned)
+}
+
+fn texts(list: &Value) -> Vec<String> {
+    let list = list.as_array().map(Vec::as_slice).unwrap_or_default();
+    list.iter().map(text).collect()
+}
+
+fn not_json(document: &str) -> String {
+    format!("a document that is not JSON: {document}")
+}
+
+/// One diagnosis in one line for people.
+fn diagnosis_in_words(document: &str) -> String {
+    let Ok(diagnosis) = serde_json::from_str::<Value>(document) else {
+        return not_json(document);
+    };
+    let number = |name: &str| {
+        let value = diagnosis[name].as_f64();
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"))
+    };
+    let answer = match texts(&diagnosis["answer_set"]).join(", ") {
+        none if none.is_empty() => String::new(),
+        effects => format!(" {effects}"),
+    };
+    format!(
+        "{} diagnosis {} of {}: {}{answer}; error {} times the noise, a perfect model {}; {}",
+        text(&diagnosis["site"]),
+        text(&diagnosis["version"]),
+        texts(&diagnosis["structure"]).join("+"),
+        text(&diagnosis["status"]),
+        number("error_to_noise"),
+        number("noise_floor"),
+        text(&diagnosis["summary"]),
+    )
+}
+
 /// One set in one line for people.
 pub(super) fn in_words(document: &str) -> String {
     let Ok(set) = serde_json::from_str::<Value>(document) else {
-        return format!("a document that is not JSON: {document}");
+        return not_json(document);
     };
-    let text = |value: &Value| {
-        value
-            .as_str()
-            .map_or_else(|| value.to_string(), str::to_owned)
-    };
-    let structure: Vec<String> = set["structure"]
-        .as_array()
-        .map(|parts| parts.iter().map(text).collect())
-        .unwrap_or_default();
     let errors = |part: &str| match (&set[part]["eps_p_percent"], &set[part]["eps_q_percent"]) {
         (Value::Number(p), Value::Number(q)) => {
             let (p, q) = (
@@ -100,7 +139,7 @@ pub(super) fn in_words(document: &str) -> String {
         "{} version {} {}: {}; fit {}; held out {}; verdict {}",
         text(&set["site"]),
         text(&set["version"]),
-        structure.join("+"),
+        texts(&set["structure"]).join("+"),
         parameters.join(" "),
         errors("fit"),
         errors("held_out"),
@@ -127,7 +166,23 @@ mod tests {
     }
 
     #[test]
+    fn a_diagnosis_is_one_line_of_words() {
+        let line = diagnosis_in_words(
+            r#"{"site":"north","version":2,"structure":["zip","induction_motor"],"status":"missing_effect",
+                "answer_set":["saturation"],"error_to_noise":3.14159,"noise_floor":1.1,
+                "summary":"The model lacks saturation."}"#,
+        );
+        assert_eq!(
+            line,
+            "north diagnosis 2 of zip+induction_motor: missing_effect saturation; error 3.14 times the noise, \
+             a perfect model 1.10; The model lacks saturation."
+        );
+        let none = r#"{"site":"north","version":2,"structure":[],"status":"cannot_judge","error_to_noise":null}"#;
+        assert!(diagnosis_in_words(none).contains("cannot_judge; error - times"));
+    }
+
+    #[test]
     fn what_is_not_json_is_said_to_be_so() {
-        assert!(in_words("?").contains("not JSON"));
+        assert!(in_words("?").contains("not JSON") && diagnosis_in_words("?").contains("not JSON"));
     }
 }

@@ -36,7 +36,7 @@ pub(super) fn with_settled_events<T>(
 ) -> Result<T, IdentificationError> {
     let mut changes = Changes::default();
     loop {
-        let mut case = Case::new(site, windows, options, &changes, watcher)?;
+        let mut case = Case::new(site, windows, structure, options, &changes, watcher)?;
         let base = case.baseline(structure)?;
         case.settle_uses(&base)?;
         match done_with(&case, base) {

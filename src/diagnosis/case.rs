@@ -81,15 +81,17 @@ pub(super) struct Case<'a> {
 }
 
 impl<'a> Case<'a> {
-    /// Prepares the windows and runs the plain search on all but the untouched ones.
+    /// Prepares the windows, as the parts of the structure want it, and runs the plain search on all but the untouched ones.
     pub(super) fn new(
         site: &'a Site,
         windows: &'a [Window],
+        structure: &Structure,
         options: &'a DiagnosisOptions,
         changes: &Changes,
         watcher: Watcher<'a>,
     ) -> Result<Self, IdentificationError> {
-        let (events, mut refused) = prepare_all(windows, &options.identification.intake);
+        let intake = options.identification.intake.for_parts(&structure.names());
+        let (events, mut refused) = prepare_all(windows, &intake);
         if events.is_empty() {
             return Err(IdentificationError::NoUsableEvent { refused });
         }

@@ -82,6 +82,21 @@ fn companions<'a>(round: &'a Round, trial: &Trial, fit: &ComposedFit) -> Option<
         .then_some(with)
 }
 
+/// How the error falls by an effect, on the events that [`StructureErrors::quoted`] is of.
+pub(super) fn fallen(named: &str, before: &StructureErrors, after: &StructureErrors) -> String {
+    let [before, error] = [before, after].map(|errors| errors.quoted().error_to_noise);
+    moved(named, on_set(after), before, error)
+}
+
+/// The events that errors are quoted on.
+fn on_set(errors: &StructureErrors) -> &'static str {
+    match errors.quoted_set() {
+        "untouched" => "on untouched events",
+        "gate" => "on the gating events, of fits without them,",
+        _ => "on the fitted events",
+    }
+}
+
 /// That an error over noise falls, or does not.
 fn moved(with: &str, events: &str, before: f64, after: f64) -> String {
     if !after.is_finite() {
@@ -104,11 +119,7 @@ pub(super) fn over_all(steps: &[ImprovementStep]) -> Option<String> {
     let [first, .., last] = steps else {
         return None;
     };
-    let events = match last.errors.quoted_set() {
-        "untouched" => "on untouched events",
-        "gate" => "on the gating events, of fits without them,",
-        _ => "on the fitted events",
-    };
+    let events = on_set(&last.errors);
     let [before, after] = [first, last].map(|step| step.errors.quoted().error_to_noise);
     let direction = if after <= before { "fell" } else { "rose" };
     Some(format!(

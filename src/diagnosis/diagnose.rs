@@ -5,17 +5,19 @@ use super::{
     anew::with_settled_events,
     case::{Case, Watcher},
     convincing::convincing,
-    evidence::objections,
     in_the_way::WithoutIt,
+    longer_window::{Asked, seen, shown},
+    not_named::why_not_named,
     options::{DiagnosisOptions, Progress},
     outcome::{
-        Candidate, Diagnosis, DiagnosisCost, EventSets, GeneralForm, Status, StructureErrors,
-        Unexplained, Untestable,
+        Candidate, Diagnosis, DiagnosisCost, EffectWorth, EventSets, GeneralForm, Status,
+        StructureErrors, Unexplained, Untestable,
     },
     round::{Decision, Round, round},
     trials::{Trial, amplitude},
     unexplained,
     where_it_fails::{failure, pooled},
+    worth::{effects_of, superfluous_in_words, worth_of},
 };
 use crate::{
     disturbance::Window,
@@ -52,13 +54,24 @@ pub fn diagnose(
     let ranges = options.identification.ranges.clone();
     let parsed = Structure::parse(structure)?.with_ranges(ranges);
     let watcher = Watcher { progress, cancel };
+    let asked = Asked {
+        site,
+        windows,
+        structure: &parsed,
+        options,
+        watcher,
+    };
+    let of_window = shown(&asked).map(|window| seen(&asked, window));
+    if let Some(Ok(Some(seen))) = of_window {
+        return Ok(seen.diagnosis);
+    }
     let judged = with_settled_events(site, windows, &parsed, options, watcher, |case, base| {
         case.none_at_edges(&base)?;
         if let Some(WithoutIt { case, round, .. }) = case.without_what_is_in_the_way(&base)? {
-            return Ok(report(&case, &round)?);
+            return Ok(with_worth(&case, &round)?);
         }
         let round = round(case, base)?;
-        Ok(report(case, &round)?)
+        Ok(with_worth(case, &round)?)
     });
     match judged {
         Err(error)
@@ -68,6 +81,25 @@ pub fn diagnose(
             Ok(cannot_judge(site, structure, &error))
         }
         other => other,
+    }
+}
+
+/// What a round says, and what the effects that the structure has already are worth.
+fn with_worth(case: &Case<'_>, round: &Round) -> Result<Diagnosis, IdentificationError> {
+    let at = &round.asked.baseline;
+    let effects = worth_of(case, at, &effects_of(at))?;
+    Ok(report(case, round)?.with_worth(effects))
+}
+
+impl Diagnosis {
+    /// With what the effects that the structure has already are worth.
+    #[must_use]
+    pub(super) fn with_worth(mut self, effects: Vec<EffectWorth>) -> Self {
+        let untouched = self.baseline.untouched.as_ref();
+        let error = untouched.map(|of| of.error_to_noise);
+        self.reasons.extend(superfluous_in_words(&effects, error));
+        self.effects = effects;
+        self
     }
 }
 
@@ -90,6 +122,7 @@ fn cannot_judge(site: &Site, structure: &[String], error: &IdentificationError) 
         noise_floor: ERROR_TO_NOISE_FLOOR,
         segments: Vec::new(),
         failures: Vec::new(),
+        effects: Vec::new(),
         candidates: Vec::new(),
         answer_set: Vec::new(),
         untestable: Vec::new(),
@@ -148,6 +181,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         noise_floor: ERROR_TO_NOISE_FLOOR,
         segments: pooled(&failures),
         failures,
+        effects: Vec::new(),
         candidates,
         answer_set,
         untestable: trials()
@@ -215,7 +249,7 @@ fn summary(round: &Round, answer: &[String]) -> String {
 }
 
 /// Why an effect was not refitted.
-const SCREENED_OUT: &str = "the linear screen finds too little of it in the residuals";
+pub(super) const SCREENED_OUT: &str = "the linear screen finds too little of it in the residuals";
 
 impl Candidate {
     /// Whether the linear screen alone speaks against it.
@@ -240,11 +274,10 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
         let evidence = trial.evidence.as_ref();
         let gate = evidence.and_then(|e| e.gate);
         let declared = answer.contains(&place);
-        let refused = match evidence {
-            _ if declared => Vec::new(),
-            None if trial.tried => vec![without_fit(case, round, trial)],
-            None => vec![SCREENED_OUT.to_owned()],
-            Some(e) => objections(e, &case.options.claim),
+        let refused = if declared {
+            Vec::new()
+        } else {
+            why_not_named(case, round, trial)
         };
         // What may be added is shown as it would be published.
         let fit = trial.fit.as_ref().map(|fit| {
@@ -316,15 +349,6 @@ fn too_slow(case: &Case<'_>, structure: &Structure) -> Vec<Untestable> {
     };
     let hidden = hidden_by_rate(structure, case).into_iter();
     hidden.filter_map(unseen).collect()
-}
-
-/// Why an effect that was tried has no fit.
-fn without_fit(case: &Case<'_>, round: &Round, trial: &Trial) -> String {
-    let no_value = case.without_value(&round.base().baseline, trial.name());
-    no_value.map_or_else(
-        || "no fit with it follows the events better than without it".to_owned(),
-        |no_value| no_value.to_string(),
-    )
 }
 
 /// The effects that could not be looked for, because they have no finite value in some event.

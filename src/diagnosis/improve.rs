@@ -7,10 +7,12 @@ use super::{
     convincing::over_all,
     diagnose::report,
     in_the_way::WithoutIt,
+    longer_window::{self, Asked, shown},
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status, StructureErrors},
     round::{Second, round},
     where_it_fails::failure,
+    worth::{effects_of, is_superfluous, worth_of},
 };
 use crate::{
     disturbance::Window,
@@ -18,7 +20,7 @@ use crate::{
         ErrorSummary, IdentificationError,
         composed::{Baseline, ComposedFit, Ground, refine},
     },
-    load_model::{Structure, effects, structure::StructureError},
+    load_model::{Structure, effects},
     measurement::Site,
 };
 
@@ -39,8 +41,6 @@ pub enum Change {
 
 /// Rounds at most: no site has shown more than three effects that could be told apart.
 const ROUNDS_MAX: usize = 4;
-/// An effect is dropped when the criterion without it is at most this much worse.
-const SUPERFLUOUS_DELTA_BIC: f64 = 10.0;
 /// One gives way to another where the criterion is lower by this much ...
 const EXCHANGE_DELTA_BIC: f64 = 10.0;
 /// ... and by this share of the weighted squares that are left, which are not independent from sample to sample.
@@ -71,7 +71,50 @@ pub fn improve(
     let ranges = options.identification.ranges.clone();
     let parsed = Structure::parse(structure)?.with_ranges(ranges);
     let watcher = Watcher { progress, cancel };
-    with_settled_events(site, windows, &parsed, options, watcher, |case, base| {
+    let asked = Asked {
+        site,
+        windows,
+        structure: &parsed,
+        options,
+        watcher,
+    };
+    if let Some(window) = shown(&asked)
+        && let Some(mut done) = longer_window::improvement(&asked, change, window)?
+    {
+        told_over_all(&mut done);
+        return Ok(done);
+    }
+    let mut done = improve_settled(&asked, change)?;
+    told_over_all(&mut done);
+    Ok(done)
+}
+
+/// How the error moved over all steps, said first.
+fn told_over_all(done: &mut Improvement) {
+    if let Some(told) = over_all(&done.steps) {
+        done.last.reasons.insert(0, told);
+    }
+}
+
+/// The structure at the start, as a step.
+pub(super) fn start(case: &Case<'_>, base: Baseline) -> Result<ImprovementStep, Stop> {
+    let mut stairs = Stairs::new(case, base)?;
+    Ok(stairs.steps.remove(0))
+}
+
+/// [`improve`] with events prepared as the structure at the start wants it.
+pub(super) fn improve_settled(
+    asked: &Asked<'_>,
+    change: &Change,
+) -> Result<Improvement, IdentificationError> {
+    let Asked {
+        site,
+        windows,
+        structure,
+        options,
+        watcher,
+    } = *asked;
+    with_settled_events(site, windows, structure, options, watcher, |case, base| {
         let mut stairs = Stairs::new(case, base)?;
         match change {
             Change::UntilAdequate => stairs.climb()?,
@@ -81,9 +124,7 @@ pub fn improve(
             Some(last) => last,
             None => stairs.diagnosis()?,
         };
-        if let Some(told) = over_all(&stairs.steps) {
-            last.reasons.insert(0, told);
-        }
+        last = last.with_worth(worth_of(case, &stairs.at, &stairs.given(change))?);
         Ok(Improvement {
             site: site.name.clone(),
             steps: stairs.steps,
@@ -140,6 +181,17 @@ impl<'a> Stairs<'a> {
         )?;
         stairs.steps.push(step);
         Ok(stairs)
+    }
+
+    /// The effects that nothing here has shown to be needed: those at the start, or all where what is added was named by
+    /// hand.
+    fn given(&self, change: &Change) -> Vec<String> {
+        let mut names = effects_of(&self.at);
+        if *change == Change::UntilAdequate {
+            let start = self.steps.first().map(|step| &step.structure);
+            names.retain(|name| start.is_some_and(|start| start.contains(name)));
+        }
+        names
     }
 
     fn diagnosis(&mut self) -> Result<Diagnosis, Stop> {
@@ -372,7 +424,10 @@ impl<'a> Stairs<'a> {
 
     fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), Stop> {
         for effect in remove {
-            let next = self.case.baseline(&without(&self.at.structure, effect)?)?;
+            let fewer = self.at.structure.without(effect);
+            let next = self
+                .case
+                .baseline(&fewer.map_err(IdentificationError::from)?)?;
             let step = self.step(
                 &next,
                 None,
@@ -412,10 +467,10 @@ impl<'a> Stairs<'a> {
             }
             let watcher = self.case.watcher;
             watcher.says(format!("fitting without {effect}"), 0, 1);
-            let structure = without(&next.structure, &effect)?;
+            let structure = next.structure.without(&effect)?;
             let fewer = self.case.baseline_from(&structure, &next.all)?;
             let worse_by = fewer.all.criterion() - next.all.criterion();
-            if worse_by <= SUPERFLUOUS_DELTA_BIC {
+            if is_superfluous(worse_by) {
                 *next = fewer;
                 dropped.push(effect);
                 without_each.clear();
@@ -488,7 +543,7 @@ fn deciding(errors: &StructureErrors) -> &ErrorSummary {
 }
 
 /// Whether a step that leads from errors to others is not taken.
-fn is_worse(before: &StructureErrors, after: &StructureErrors) -> bool {
+pub(super) fn is_worse(before: &StructureErrors, after: &StructureErrors) -> bool {
     let falls = after.judged_error_to_noise() <= before.judged_error_to_noise();
     let most = if falls { WORSE_MAX_OF_FEW } else { WORSE_MAX };
     deciding(after).error_to_noise > (1.0 + most) * deciding(before).error_to_noise
@@ -506,19 +561,6 @@ fn rise_on_untouched(before: &StructureErrors, after: &StructureErrors) -> Optio
 fn alike(one: &str, other: &str) -> bool {
     let pair = effects::find(one).zip(effects::find(other));
     pair.is_some_and(|(one, other)| one.declaration().is_like(other.declaration()))
-}
-
-fn without(structure: &Structure, effect: &str) -> Result<Structure, IdentificationError> {
-    if !structure.contains(effect) {
-        let name = effect.to_owned();
-        return Err(StructureError::NotThere { name }.into());
-    }
-    let left: Vec<String> = structure
-        .names()
-        .into_iter()
-        .filter(|n| n != effect)
-        .collect();
-    Ok(Structure::parse(&left)?.with_ranges(structure.ranges().clone()))
 }
 
 #[cfg(test)]

@@ -127,7 +127,14 @@ impl<'a> Case<'a> {
         )));
         let (site, options, watcher) = (self.site, self.options, self.watcher);
         watcher.says(format!("leaving {id} out for now"), 0, 1);
-        let mut case = Case::new(site, self.windows, options, &changes, watcher)?;
+        let mut case = Case::new(
+            site,
+            self.windows,
+            &base.structure,
+            options,
+            &changes,
+            watcher,
+        )?;
         let of_others = case.baseline(&base.structure)?;
         case.settle_uses(&of_others)?;
         if of_others.all.chi_square_per_row() <= options.claim.floor {

@@ -122,6 +122,21 @@ pub struct Candidate {
     pub refused: Vec<String>,
 }
 
+/// What an effect that the structure judged has already is worth to the events.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectWorth {
+    /// Its name.
+    pub effect: String,
+    /// Change of the Bayesian information criterion over all judged events by taking it out; positive
+    /// is worse.
+    pub delta_bic_without: f64,
+    /// Error over noise on the untouched events without it; none where there are none, or no response
+    /// in one.
+    pub untouched_without: Option<f64>,
+    /// Whether the events are described as well without it.
+    pub is_superfluous: bool,
+}
+
 /// An effect on which these events are silent.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Untestable {
@@ -225,6 +240,9 @@ pub struct Diagnosis {
     pub segments: Vec<SegmentResidual>,
     /// Where it fails, event by event.
     pub failures: Vec<EventFailure>,
+    /// What the effects that the structure has already are worth, in their order; of an improvement
+    /// those that it was begun with or that were added by hand.
+    pub effects: Vec<EffectWorth>,
     /// Candidates, best first.
     pub candidates: Vec<Candidate>,
     /// The declared effect and those not separable from it, best first; empty when none is.

@@ -152,6 +152,7 @@ pub fn conclude(
     estimates.derived.extend(site_fit.trend.estimates());
     estimates.notes.extend(site_fit.robust_note());
     estimates.notes.extend(site_fit.best_only_note());
+    estimates.notes.extend(site_fit.window_note());
     let evidence = Evidence {
         model,
         largest_change_fitted: largest_voltage_change(&fitted),
@@ -190,9 +191,10 @@ pub fn prepare_all(
     windows: &[Window],
     options: &IntakeOptions,
 ) -> (Vec<PreparedEvent>, Vec<(String, String)>) {
+    let options = options.for_windows(windows);
     let (mut events, mut refused) = (Vec::new(), Vec::new());
     for window in windows {
-        match prepare(window, options) {
+        match prepare(window, &options) {
             Ok(event) => events.push(event),
             Err(reason) => refused.push((window.id.clone(), reason.to_string())),
         }

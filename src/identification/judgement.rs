@@ -62,7 +62,7 @@ pub fn judge(
 ) -> Result<Judgement, IdentificationError> {
     let (model, trend) = (model_of(set)?, trend_of(set));
     let model = model.as_ref();
-    let (events, refused) = prepare_all(windows, &options.intake);
+    let (events, refused) = prepare_all(windows, &options.intake.for_parts(&set.structure));
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }

@@ -52,7 +52,7 @@ pub use judgement::{Judgement, judge};
 pub use measurement_chain::{LateReport, MeasurementChain};
 pub use on_windows::{compare, compare_fitted, errors_of_fitted, errors_on};
 pub use parameter_set::{Bases, OperatingPoint, ParameterEstimate, ParameterSet};
-pub use phasor_filter::{FilterChoice, PhasorFilter};
+pub use phasor_filter::{FilterChoice, LongerWindow, PhasorFilter, WindowShape};
 pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};
 pub use reactive_trend::ReactiveTrend;
 pub use refit::FittedStructure;

@@ -9,7 +9,7 @@ use super::{
     estimates,
     evaluate::{EventModel, FittedModel, StaticModel, errors},
     identify::prepare_all,
-    intake::PreparedEvent,
+    intake::{IntakeOptions, PreparedEvent},
     joint_problem::OUTER,
     refit::FittedStructure,
 };
@@ -31,7 +31,8 @@ pub fn compare(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    compare_model(model_of(set)?.as_ref(), &trend_of(set), windows, options)
+    let intake = options.intake.for_parts(&set.structure);
+    compare_model(model_of(set)?.as_ref(), &trend_of(set), windows, &intake)
 }
 
 /// As [`compare`], of a structure with values.
@@ -44,16 +45,17 @@ pub fn compare_fitted(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    compare_model(&fitted.load()?, &fitted.trend(), windows, options)
+    let intake = options.intake.for_parts(&fitted.structure);
+    compare_model(&fitted.load()?, &fitted.trend(), windows, &intake)
 }
 
 fn compare_model(
     model: &dyn EventModel,
     trend: &ReactiveTrend,
     windows: &[Window],
-    options: &IdentificationOptions,
+    intake: &IntakeOptions,
 ) -> Result<Vec<Comparison>, IdentificationError> {
-    let events = prepared(model, trend, windows, options)?;
+    let events = prepared(model, trend, windows, intake)?;
     let reference = StaticModel::fit(&events);
     let summary = errors(model, &reference, &events).map_err(|_| no_response(model, &events))?;
     let mut list = Vec::with_capacity(events.len());
@@ -72,9 +74,9 @@ fn prepared(
     model: &dyn EventModel,
     trend: &ReactiveTrend,
     windows: &[Window],
-    options: &IdentificationOptions,
+    intake: &IntakeOptions,
 ) -> Result<Vec<PreparedEvent>, IdentificationError> {
-    let (events, refused) = prepare_all(windows, &options.intake);
+    let (events, refused) = prepare_all(windows, intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
@@ -92,7 +94,8 @@ pub fn errors_on(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<ErrorSummary, IdentificationError> {
-    errors_of(model_of(set)?.as_ref(), &trend_of(set), windows, options)
+    let intake = options.intake.for_parts(&set.structure);
+    errors_of(model_of(set)?.as_ref(), &trend_of(set), windows, &intake)
 }
 
 /// As [`errors_on`], of a structure with values.
@@ -105,16 +108,17 @@ pub fn errors_of_fitted(
     windows: &[Window],
     options: &IdentificationOptions,
 ) -> Result<ErrorSummary, IdentificationError> {
-    errors_of(&fitted.load()?, &fitted.trend(), windows, options)
+    let intake = options.intake.for_parts(&fitted.structure);
+    errors_of(&fitted.load()?, &fitted.trend(), windows, &intake)
 }
 
 fn errors_of(
     model: &dyn EventModel,
     trend: &ReactiveTrend,
     windows: &[Window],
-    options: &IdentificationOptions,
+    intake: &IntakeOptions,
 ) -> Result<ErrorSummary, IdentificationError> {
-    let events = prepared(model, trend, windows, options)?;
+    let events = prepared(model, trend, windows, intake)?;
     let found = errors(model, &StaticModel::fit(&events), &events);
     found.map_err(|_| no_response(model, &events))
 }

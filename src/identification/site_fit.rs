@@ -9,6 +9,7 @@ use super::{
     identify::{median_operating_point, prepare_all, reduced_chi_square, split},
     intake::PreparedEvent,
     joint_problem::ProblemOptions,
+    phasor_filter::PhasorFilter,
     precision::Precision,
     robust::{RobustLoss, SampleWeights, sample_weights},
     turns::Turns,
@@ -81,6 +82,21 @@ impl FittedSite {
         })
     }
 
+    /// The longer phasor window that the jumps of the voltage show; none where they show none, or were not asked.
+    pub(super) fn window_note(&self) -> Option<String> {
+        let filters = self.measured.iter().filter_map(|event| event.filter);
+        let longer = filters.filter_map(|filter| match filter {
+            PhasorFilter::Longer(window) => Some(window),
+            _ => None,
+        });
+        let window = longer.into_iter().next()?;
+        Some(format!(
+            "the jumps of the voltage show a phasor window longer than those of the standard, {}, and all events are seen \
+             through it",
+            window.in_words()
+        ))
+    }
+
     /// How many samples a robust fit all but set aside; none for an ordinary fit.
     pub(super) fn robust_note(&self) -> Option<String> {
         let (mut aside, mut used) = (0, 0);
@@ -113,8 +129,9 @@ pub(super) fn fit_site(
     options: &IdentificationOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Result<FittedSite, IdentificationError> {
+    let intake = options.intake.for_parts(structure);
     let structure = Structure::parse(structure)?.with_ranges(options.ranges.clone());
-    let (events, refused) = prepare_all(windows, &options.intake);
+    let (events, refused) = prepare_all(windows, &intake);
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }

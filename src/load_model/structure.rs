@@ -150,6 +150,21 @@ impl Structure {
         Ok(Self::parse(&names)?.with_ranges(self.ranges.clone()))
     }
 
+    /// This structure with one effect less.
+    ///
+    /// # Errors
+    ///
+    /// [`StructureError::NotThere`], and as [`Structure::parse`].
+    pub fn without(&self, effect: &str) -> Result<Self, StructureError> {
+        if !self.contains(effect) {
+            let name = effect.to_owned();
+            return Err(StructureError::NotThere { name });
+        }
+        let mut names = self.names();
+        names.retain(|name| name != effect);
+        Ok(Self::parse(&names)?.with_ranges(self.ranges.clone()))
+    }
+
     /// The same parts with the bounds and priors of a site, in place of those it had.
     #[must_use]
     pub fn with_ranges(self, ranges: Ranges) -> Self {

@@ -24,6 +24,7 @@ pub fn render_diagnosis(
     let body = html! {
         (head(diagnosis))
         (where_it_fails(diagnosis, None)?)
+        (in_the_structure(diagnosis))
         (candidates(diagnosis, "Which effect is missing"))
         (unexplained(diagnosis))
         (untestable(diagnosis))
@@ -205,6 +206,16 @@ fn general_form(form: &GeneralForm) -> Markup {
             pre { (form.effect_file) }
         }
     }
+}
+
+/// What the effects that the structure has already are worth.
+pub(super) fn in_the_structure(diagnosis: &Diagnosis) -> Markup {
+    html! { @if !diagnosis.effects.is_empty() {
+        section {
+            h2 { "What the effects of the structure are worth" }
+            (diagnosis_tables::worth(diagnosis))
+        }
+    } }
 }
 
 /// Effects on which the events are silent.

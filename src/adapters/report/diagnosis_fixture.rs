@@ -4,9 +4,9 @@
 use super::fixture::parameter_set;
 use crate::{
     diagnosis::{
-        Candidate, ChannelSeries, Diagnosis, DiagnosisCost, EventFailure, EventSeries, EventSets,
-        Improvement, ImprovementStep, Status, StructureErrors, Unexplained, UnexplainedTerm,
-        Untestable, failure_of_series, pooled,
+        Candidate, ChannelSeries, Diagnosis, DiagnosisCost, EffectWorth, EventFailure, EventSeries,
+        EventSets, Improvement, ImprovementStep, Status, StructureErrors, Unexplained,
+        UnexplainedTerm, Untestable, failure_of_series, pooled,
     },
     identification::{ErrorSummary, ParameterEstimate},
     load_model::effect::Kind,
@@ -138,6 +138,20 @@ pub(crate) fn diagnosis() -> Diagnosis {
         noise_floor: 0.85,
         segments: pooled(&failures),
         failures,
+        effects: vec![
+            EffectWorth {
+                effect: "stator_resistance".to_owned(),
+                delta_bic_without: 412.0,
+                untouched_without: Some(7.9),
+                is_superfluous: false,
+            },
+            EffectWorth {
+                effect: "time_skew".to_owned(),
+                delta_bic_without: -5.6,
+                untouched_without: Some(6.2),
+                is_superfluous: true,
+            },
+        ],
         candidates: vec![
             candidate("electronic_load_dropout", Some(-5210.0), true),
             candidate("self_disconnection", Some(-5190.0), false),

@@ -119,6 +119,32 @@ pub(super) fn dependences(failure: &EventFailure) -> Markup {
     scrollable("What the residual depends on", &table)
 }
 
+/// Effects of the structure, and what is lost without each.
+pub(super) fn worth(diagnosis: &Diagnosis) -> Markup {
+    let untouched = diagnosis.baseline.untouched.as_ref();
+    let with = untouched.map(|of| significant(of.error_to_noise, 3));
+    let table = html! {
+        table {
+            caption { "Each effect taken out by itself, everything else fitted again. ΔBIC: change of the information \
+                       criterion over all events, positive is worse."
+                      @if let Some(with) = &with { " With all of them the untouched events are left at " (with) " times the noise." } }
+            thead { tr {
+                th scope="col" { "Without" }
+                th.number scope="col" { "ΔBIC" }
+                th.number scope="col" { "Untouched, over noise" }
+                th scope="col" { "Needed" }
+            } }
+            tbody { @for worth in &diagnosis.effects { tr {
+                th scope="row" { code { (worth.effect) } }
+                td.number { (fixed(worth.delta_bic_without, 0)) }
+                td.number { (worth.untouched_without.map_or(ABSENT.to_owned(), |error| significant(error, 3))) }
+                td { @if worth.is_superfluous { span.flag { "no" } } @else { "yes" } }
+            } } }
+        }
+    };
+    scrollable("What the effects of the structure are worth", &table)
+}
+
 /// Candidates, best first, with what speaks for and against each.
 pub(super) fn rivals(diagnosis: &Diagnosis) -> Markup {
     let table = html! {

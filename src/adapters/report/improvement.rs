@@ -31,6 +31,7 @@ pub fn render_improvement(
         (head(improvement))
         (steps(improvement)?)
         (diagnosis::where_it_fails(last, before)?)
+        (diagnosis::in_the_structure(last))
         (diagnosis::candidates(last, "What is still missing"))
         (diagnosis::unexplained(last))
         (diagnosis::untestable(last))

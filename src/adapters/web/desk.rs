@@ -76,7 +76,7 @@ impl Desk {
         content_hash: &str,
         window: &Window,
     ) -> Result<Arc<Judged>, Problem> {
-        self.judged(content_hash, window, |window, options| {
+        self.judged(content_hash, window, &set.structure, |window, options| {
             identification::compare(set, window, options)
         })
     }
@@ -88,7 +88,7 @@ impl Desk {
         name: &str,
         window: &Window,
     ) -> Result<Arc<Judged>, Problem> {
-        self.judged(name, window, |window, options| {
+        self.judged(name, window, &fitted.structure, |window, options| {
             identification::compare_fitted(fitted, window, options)
         })
     }
@@ -97,6 +97,7 @@ impl Desk {
         &self,
         model: &str,
         window: &Window,
+        parts: &[String],
         compare: impl FnOnce(
             &[Window],
             &IdentificationOptions,
@@ -106,7 +107,8 @@ impl Desk {
         if let Some(known) = self.known_comparison(&key) {
             return Ok(known);
         }
-        let options = IdentificationOptions::default();
+        let mut options = IdentificationOptions::default();
+        options.intake = options.intake.for_parts(parts);
         let comparison = compare(std::slice::from_ref(window), &options)
             .map_err(|error| Problem::bad_request(error.to_string()))?
             .pop()
@@ -143,7 +145,8 @@ fn failure_of(
     window: &Window,
     options: &IdentificationOptions,
 ) -> Option<EventFailure> {
-    let event = prepare(window, &options.intake).ok()?;
+    let intake = options.intake.for_windows(std::slice::from_ref(window));
+    let event = prepare(window, &intake).ok()?;
     let over_p0 = |curve: &[f64]| curve.iter().map(|pu| pu / event.p0_pu).collect();
     let curves = Curves {
         active: over_p0(&comparison.active_model_pu),

@@ -12,7 +12,10 @@ use crate::{
         store::{SqliteOptions, SqliteStore, Store},
         wire::v1::{decode_identified_set, decode_parameter_set},
     },
-    commands::fitting::{self, Events, FitArgs},
+    commands::{
+        fitting,
+        source::{Events, parts_of},
+    },
     identification::{
         self, Comparison, Identification, IdentificationError, IdentificationOptions, Judgement,
         ParameterSet, Verdict,
@@ -26,8 +29,8 @@ pub(super) enum Asked {
     File(PathBuf),
     /// A set of the store, by its version.
     Version(u64),
-    /// A structure, to be identified.
-    Structure(String),
+    /// A structure, to be identified; none: that of the site.
+    Structure(Option<String>),
 }
 
 /// A set held against the measurements.
@@ -54,7 +57,7 @@ impl Asked {
         match words.parse() {
             Ok(version) if has_store => Self::Version(version),
             _ if path.is_file() || looks_like_file => Self::File(path.to_path_buf()),
-            _ => Self::Structure(words.to_owned()),
+            _ => Self::Structure(Some(words.to_owned())),
         }
     }
 
@@ -65,11 +68,10 @@ impl Asked {
                 |stem| stem.to_string_lossy().into_owned(),
             ),
             Self::Version(version) => format!("version {version}"),
-            Self::Structure(parts) => parts
-                .split('+')
-                .map(str::trim)
-                .collect::<Vec<_>>()
-                .join(" + "),
+            Self::Structure(parts) => parts.as_deref().map_or_else(
+                || "the site's structure".to_owned(),
+                |parts| parts_of(parts).join(" + "),
+            ),
         }
     }
 }
@@ -82,28 +84,26 @@ impl Side {
     /// See [`CompareError`].
     pub(super) fn new(
         asked: &Asked,
-        (store, site): (Option<&Path>, &str),
-        fit: &FitArgs,
+        store: Option<&Path>,
         events: &Events,
         options: &IdentificationOptions,
     ) -> Result<Self, CompareError> {
         let source = match asked {
             Asked::File(path) => Source::Given(Box::new(read_file(path)?)),
             Asked::Version(version) => {
+                let site = &events.site.name;
                 let set = store.map(|store| read_stored(store, site, *version));
                 Source::Given(Box::new(set.unwrap_or_else(|| {
                     Err(CompareError::NoVersion {
-                        site: site.to_owned(),
+                        site: site.clone(),
                         version: *version,
                     })
                 })?))
             }
             Asked::Structure(structure) => {
-                let fit = FitArgs {
-                    structure: structure.clone(),
-                    ..fit.clone()
-                };
-                Source::Fit(Box::new(fitting::identify(&fit, events, options)?))
+                let structure = events.parts(structure.as_deref())?;
+                let found = fitting::identify(events, &structure, options)?;
+                Source::Fit(Box::new(found))
             }
         };
         let comparisons = compare(source.set(), events, options)?;
@@ -213,7 +213,10 @@ mod tests {
     #[test]
     fn a_side_is_a_version_a_file_or_a_structure() {
         assert_eq!(Asked::parse("7", true), Asked::Version(7));
-        assert_eq!(Asked::parse("7", false), Asked::Structure("7".to_owned()));
+        assert_eq!(
+            Asked::parse("7", false),
+            Asked::Structure(Some("7".to_owned()))
+        );
         assert_eq!(
             Asked::parse("old.json", true),
             Asked::File("old.json".into())
@@ -221,7 +224,7 @@ mod tests {
         let structure = "zip+induction_motor";
         assert_eq!(
             Asked::parse(structure, true),
-            Asked::Structure(structure.to_owned())
+            Asked::Structure(Some(structure.to_owned()))
         );
         assert_eq!(
             Asked::parse(structure, true).label(),

@@ -10,7 +10,7 @@ use super::{
 const EDGE_SIGMAS: f64 = 8.0;
 /// Least jump of ln|V| + j angle that counts as an edge.
 const EDGE_LEAST: f64 = 0.012;
-/// Samples over which the ordinary motion is taken, each side.
+/// Samples over which the ordinary motion is taken, each side, and one for each sample of a longer window.
 const SURROUNDINGS: usize = 7;
 
 /// A jump of the terminal phasor between two samples.
@@ -29,15 +29,17 @@ pub struct Edge {
     pub mismatch: f64,
 }
 
-/// For each step between neighbouring samples, whether it belongs to an edge.
-pub(super) fn steps_at_edges(series: &Series) -> Vec<bool> {
+/// For each step between neighbouring samples, whether it belongs to an edge, which the instrument spreads over
+/// `spread` samples more than those of the standard.
+pub(super) fn steps_at_edges(series: &Series, spread: usize) -> Vec<bool> {
+    let surroundings = SURROUNDINGS + spread;
     let steps = log_phasor_steps(series);
     let threshold = (EDGE_SIGMAS * input_noise(series)).max(EDGE_LEAST);
     let n = steps.len();
     (0..n)
         .map(|k| {
-            let from = k.saturating_sub(SURROUNDINGS);
-            let to = (k + SURROUNDINGS + 1).min(n);
+            let from = k.saturating_sub(surroundings);
+            let to = (k + surroundings + 1).min(n);
             let ordinary = |part: usize| {
                 let around: Vec<f64> = steps[from..to].iter().map(|s| s[part]).collect();
                 median(&around)

@@ -7,6 +7,7 @@
 use super::{
     super::phasor_filter::{FilterChoice, PhasorFilter},
     edges::{Edge, MOTION_SHARE, distance, unfiltered_jumps},
+    longer_window::Seen,
     series::Series,
     voltage::{Jump, Log, Measured, Voltage},
 };
@@ -20,6 +21,10 @@ const AROUND: usize = 8;
 /// The instant is sought this far before the steepest step and after it, samples.
 const BEFORE: f64 = 0.8;
 const AFTER: f64 = 1.8;
+/// Behind a longer window the middle of the steep steps is no better known than this, samples.
+const BEFORE_MIDDLE: f64 = 1.8;
+/// Steps of at least this share of the steepest one belong to the same jump behind a longer window.
+const STEEP_SHARE: f64 = 0.5;
 /// Instants that were sought together are taken where they leave less by this: two standard deviations.
 const BETTER: f64 = 4.0;
 /// Where samples are few, a jump is taken where without it more than this much more is left.
@@ -75,17 +80,7 @@ pub(super) fn find(
     noise: f64,
     choice: FilterChoice,
 ) -> Found {
-    let measured = |filter: PhasorFilter, steep: Vec<f64>| Measured {
-        log: log.to_vec(),
-        bad: series.bad.clone(),
-        noise,
-        interval_s: 1.0 / series.rate_fps,
-        stiffness: vec![ORDINARY_STIFFNESS; log.len()],
-        steep,
-        half_width: filter.half_width_cycles() * series.rate_fps / series.nominal_hz,
-        filter,
-    };
-    let calm = vec![0.0; steep.len()];
+    let measured = |filter: PhasorFilter| problem(series, log, noise, filter);
     let unfiltered = unfiltered_jumps(log, steep);
     let shapes = match (choice, &unfiltered) {
         (FilterChoice::Fixed(filter), _) => vec![filter],
@@ -94,7 +89,7 @@ pub(super) fn find(
     };
     let mut best: Option<(f64, Vec<Jump>, Vec<Located>, Measured)> = None;
     for filter in shapes {
-        let problem = measured(filter, calm.clone());
+        let problem = measured(filter);
         let candidates = if filter == PhasorFilter::None {
             unfiltered_candidates(log, unfiltered.as_deref().unwrap_or(&[]))
         } else {
@@ -108,7 +103,7 @@ pub(super) fn find(
     }
     let Some((_, candidates, located, mut problem)) = best else {
         return Found {
-            measured: measured(PhasorFilter::None, calm),
+            measured: measured(PhasorFilter::None),
             jumps: Vec::new(),
             filter: None,
             unexplained: steep.to_vec(),
@@ -138,6 +133,37 @@ pub(super) fn find(
         jumps,
         filter,
         unexplained,
+    }
+}
+
+/// What the jumps of an event leave of its voltage, seen through a filter.
+pub(super) fn seen_through(
+    series: &Series,
+    log: &[Log],
+    steep: &[bool],
+    noise: f64,
+    filter: PhasorFilter,
+) -> Seen {
+    let problem = problem(series, log, noise, filter);
+    let (located, left) = located(&problem, &candidates(&problem, steep));
+    Seen {
+        left,
+        jumps: located.len(),
+        explained: located.iter().filter(|l| l.explained).count(),
+    }
+}
+
+/// What is known before the jumps are.
+fn problem(series: &Series, log: &[Log], noise: f64, filter: PhasorFilter) -> Measured {
+    Measured {
+        log: log.to_vec(),
+        bad: series.bad.clone(),
+        noise,
+        interval_s: 1.0 / series.rate_fps,
+        stiffness: vec![ORDINARY_STIFFNESS; log.len()],
+        steep: vec![0.0; log.len() - 1],
+        half_width: filter.half_width_cycles() * series.rate_fps / series.nominal_hz,
+        filter,
     }
 }
 
@@ -228,6 +254,11 @@ fn candidates(measured: &Measured, steep: &[bool]) -> Vec<Jump> {
             anchors.push(k);
         }
     }
+    if measured.is_longer() {
+        for anchor in &mut anchors {
+            *anchor = middle_of_steep(&step, *anchor, steep.len());
+        }
+    }
     anchors.sort_unstable();
     let last = log.len() - 1;
     anchors
@@ -238,6 +269,15 @@ fn candidates(measured: &Measured, steep: &[bool]) -> Vec<Jump> {
             change: log[(anchor + 1 + reach).min(last)] - log[anchor.saturating_sub(reach)],
         })
         .collect()
+}
+
+/// The middle of the steps around the steepest one that are as steep: a long window has many.
+fn middle_of_steep(step: &impl Fn(usize) -> Log, steepest: usize, steps: usize) -> usize {
+    let peak = step(steepest);
+    let as_steep = |k: &usize| (step(*k) * peak.conj()).re >= STEEP_SHARE * peak.norm_sqr();
+    let before = (0..steepest).rev().take_while(as_steep).count();
+    let after = (steepest + 1..steps).take_while(as_steep).count();
+    steepest + after.saturating_sub(before) / 2 - before.saturating_sub(after).div_ceil(2)
 }
 
 /// Finds the instants, cluster by cluster, and what they leave of the voltage.
@@ -278,17 +318,21 @@ fn located(measured: &Measured, candidates: &[Jump]) -> (Vec<Located>, f64) {
 
 /// Behind a filter two jumps the same way, close to each other, look like a ramp: neither is taken.
 fn refuse_ramps(measured: &Measured, list: &mut [Located]) {
-    /// Nominal cycles between them: more than two windows of the wider filter.
+    /// Nominal cycles between them: more than two windows of the wider filter of the standard ...
     const CLOSE: f64 = 4.5;
+    /// ... and windows of a longer one.
+    const CLOSE_WINDOWS: f64 = 2.25;
     if measured.filter == PhasorFilter::None {
         return;
     }
-    let cycle = measured.half_width / measured.filter.half_width_cycles();
+    let half_width_cycles = measured.filter.half_width_cycles();
+    let cycle = measured.half_width / half_width_cycles;
+    let close = CLOSE.max(CLOSE_WINDOWS * 2.0 * half_width_cycles);
     let step = |jump: &Jump| measured.log[jump.anchor + 1] - measured.log[jump.anchor];
     for index in 1..list.len() {
         let (before, after) = (list[index - 1].jump, list[index].jump);
         let same_way = (step(&before) * step(&after).conj()).re > 0.0;
-        let close = after.position - before.position <= CLOSE * cycle;
+        let close = after.position - before.position <= close * cycle;
         if same_way && close {
             list[index - 1].explained = false;
             list[index].explained = false;
@@ -297,6 +341,11 @@ fn refuse_ramps(measured: &Measured, list: &mut [Located]) {
 }
 
 impl Measured {
+    /// Whether the window is longer than those of the standard.
+    const fn is_longer(&self) -> bool {
+        matches!(self.filter, PhasorFilter::Longer(_))
+    }
+
     /// Whether so few samples hold a jump that what lies on either side of it may stand in for it.
     pub(super) fn has_short_window(&self) -> bool {
         let width = 2.0 * self.half_width;
@@ -428,8 +477,8 @@ fn settle_pair(measured: &Measured, range: (usize, usize), jumps: &mut [Jump], f
     let positions = |(low, high): (f64, f64)| {
         std::iter::successors(Some(low), |at| Some(at + COARSE)).take_while(move |at| *at <= high)
     };
-    let low = within(jumps, first).0;
-    let high = within(jumps, first + 1).1;
+    let low = within(measured, jumps, first).0;
+    let high = within(measured, jumps, first + 1).1;
     let mut moved = jumps.to_vec();
     let mut best = (f64::INFINITY, [pair[0].position, pair[1].position]);
     for early in positions((low, pair[0].anchor as f64 + AFTER)) {

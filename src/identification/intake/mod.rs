@@ -9,6 +9,7 @@ mod edges;
 mod frequency;
 mod gaps;
 mod jumps;
+mod longer_window;
 mod operating_point;
 mod prepare;
 mod series;
@@ -18,7 +19,8 @@ mod voltage;
 mod weights;
 
 pub use edges::Edge;
-pub use prepare::{Elsewhere, IntakeOptions, KnownTerminal, PreparedEvent, prepare};
+pub use longer_window::longer_window;
+pub use prepare::{Elsewhere, IntakeOptions, KnownTerminal, LONGER_WINDOW, PreparedEvent, prepare};
 pub use weights::local_motion;
 
 use crate::disturbance::ScreeningReason;

@@ -7,7 +7,9 @@ use super::{
     },
     Unusable,
     edges::{self, Edge},
-    frequency, gaps, jumps, operating_point,
+    frequency, gaps, jumps,
+    longer_window::{longer_window, samples_of},
+    operating_point,
     series::Series,
     spikes, stiffness,
     voltage::{Jump, Log, Measured, Voltage},
@@ -30,6 +32,8 @@ pub struct IntakeOptions {
     /// The filter through which the instrument sees phasors. Default: what explains the edges of
     /// each event best.
     pub filter: FilterChoice,
+    /// Whether a window longer than those of the standard is looked for in the jumps of all events. Default: no.
+    pub longer_window: bool,
     /// Error of P per unit of local voltage motion near edges that no filter explains, relative to
     /// P0. Default 0.08.
     pub edge_share_active: f64,
@@ -43,9 +47,34 @@ impl Default for IntakeOptions {
             samples_min: 20,
             voltage_change_min: 0.002,
             filter: FilterChoice::Auto,
+            longer_window: false,
             edge_share_active: 0.08,
             edge_share_reactive: 0.16,
         }
+    }
+}
+
+/// The part of a model with which longer windows are looked for.
+pub const LONGER_WINDOW: &str = "phasor_window";
+
+impl IntakeOptions {
+    /// These settings for models made of these parts.
+    #[must_use]
+    pub fn for_parts<T: AsRef<str>>(mut self, parts: &[T]) -> Self {
+        self.longer_window |= parts.iter().any(|part| part.as_ref() == LONGER_WINDOW);
+        self
+    }
+
+    /// These settings for these windows: a longer phasor window that they show is taken for all of them.
+    #[must_use]
+    pub fn for_windows(mut self, windows: &[Window]) -> Self {
+        if self.longer_window
+            && self.filter == FilterChoice::Auto
+            && let Some(found) = longer_window(windows)
+        {
+            self.filter = FilterChoice::Fixed(PhasorFilter::Longer(found));
+        }
+        self
     }
 }
 
@@ -232,12 +261,12 @@ impl PreparedEvent {
 /// Fine grid points per sample interval. Chosen: half steps of sixteen substeps lie on it.
 const POINTS_PER_SAMPLE: usize = 32;
 /// Least noise assumed, so that noiseless data are smoothed where they are smooth.
-const NOISE_LEAST: f64 = 2e-5;
+pub(super) const NOISE_LEAST: f64 = 2e-5;
 /// Deviation of an instant that is known as well as anything, and least distance of two jumps, samples.
 const INSTANT_DEVIATION_LEAST: f64 = 0.01;
 const INSTANTS_APART_LEAST: f64 = 0.1;
 /// Voltage before the event below which the bus is dead, pu.
-const VOLTAGE_MIN_PU: f64 = 0.05;
+pub(super) const VOLTAGE_MIN_PU: f64 = 0.05;
 /// Standard deviation left to P0 and Q0 when there was no steady part to measure them.
 const UNKNOWN_OPERATING_POINT: f64 = 0.2;
 
@@ -267,7 +296,7 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
     if usable < required {
         return Err(Unusable::TooFewSamples { usable, required });
     }
-    let steps = edges::steps_at_edges(&series);
+    let steps = edges::steps_at_edges(&series, spread(&series, options));
     let before = operating_point::find(&series, &steps, window.onset);
     if !(before.voltage.is_finite() && before.voltage > VOLTAGE_MIN_PU) {
         return Err(Unusable::NoVoltage {
@@ -283,6 +312,14 @@ pub fn prepare(window: &Window, options: &IntakeOptions) -> Result<PreparedEvent
     event.spikes = spikes;
     event.elsewhere = event.moved_one_by_one();
     Ok(event)
+}
+
+/// Samples over which a longer window spreads a jump.
+fn spread(series: &Series, options: &IntakeOptions) -> usize {
+    match options.filter {
+        FilterChoice::Fixed(PhasorFilter::Longer(window)) => samples_of(window.cycles(), series),
+        _ => 0,
+    }
 }
 
 fn terminal_voltage(
@@ -493,7 +530,7 @@ fn operating_point_deviation(before: &operating_point::PreEvent, noise: f64) -> 
 }
 
 /// ln|V/V0| and angle without the pre-event slope.
-fn terminal_log(series: &Series, before: &operating_point::PreEvent) -> Vec<Log> {
+pub(super) fn terminal_log(series: &Series, before: &operating_point::PreEvent) -> Vec<Log> {
     (0..series.len())
         .map(|k| {
             let turn = before.angle + before.angle_slope * k as f64;

@@ -16,6 +16,7 @@ fn diagnosed() -> Arc<Diagnosed> {
             noise_floor: 1.0,
             segments: Vec::new(),
             failures: Vec::new(),
+            effects: Vec::new(),
             candidates: Vec::new(),
             answer_set: vec!["stator_resistance".to_owned()],
             untestable: Vec::new(),

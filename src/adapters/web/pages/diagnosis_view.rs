@@ -10,7 +10,9 @@ use super::{
 };
 use crate::adapters::{
     report::number,
-    wire::v1::{CandidateV1, DiagnosisV1, GeneralFormV1, UnexplainedV1, UntestableV1},
+    wire::v1::{
+        CandidateV1, DiagnosisV1, EffectWorthV1, GeneralFormV1, UnexplainedV1, UntestableV1,
+    },
 };
 
 /// The page's content.
@@ -58,6 +60,7 @@ fn details(page: &DiagnosisPage, diagnosis: &DiagnosisV1, source: &str) -> Marku
             h2 { "Why" }
             ul.reasons { @for reason in &diagnosis.reasons { li { (words::readable(reason)) } } }
         }
+        @if !diagnosis.effects.is_empty() { (in_the_structure(&diagnosis.effects)) }
         @if !diagnosis.candidates.is_empty() {
             h2 { "Effects that were tried, best first" }
             @if charts::any_refitted(diagnosis) { (plot::figure(&charts::candidates(diagnosis), Some(source))) }
@@ -313,6 +316,26 @@ fn general_form(form: &GeneralFormV1) -> Markup {
         details {
             summary { "It as fitted (--effect-file)" }
             pre tabindex="0" { (form.effect_file) }
+        }
+    }
+}
+
+fn in_the_structure(effects: &[EffectWorthV1]) -> Markup {
+    html! {
+        h2 { "What the effects of the structure are worth" }
+        div.scroll tabindex="0" role="region" aria-label="Effects of the structure" {
+            table.list.cards {
+                thead { tr { th scope="col" { "Without" } th.num scope="col" { "ΔBIC" }
+                    th.num scope="col" { "Untouched, error / noise" } th scope="col" { "Needed" } } }
+                tbody { @for worth in effects { tr {
+                    th scope="row" { (words::effect(&worth.effect)) }
+                    td.num data-label="ΔBIC" { (number::fixed(worth.delta_bic_without, 0)) }
+                    td.num data-label="Untouched, error / noise" {
+                        (worth.untouched_without.map_or_else(|| "-".to_owned(), |error| number::significant(error, 3)))
+                    }
+                    td data-label="Needed" { @if worth.needed { "yes" } @else { "no: the events are described as well without it" } }
+                } } }
+            }
         }
     }
 }

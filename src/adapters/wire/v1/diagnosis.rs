@@ -11,8 +11,8 @@ use super::{
 use crate::{
     adapters::wire::DocumentError,
     diagnosis::{
-        Candidate, Diagnosis, DiagnosisCost, EventSets, GeneralForm, StructureErrors, Unexplained,
-        UnexplainedTerm, Untestable, misfit_root_floor,
+        Candidate, Diagnosis, DiagnosisCost, EffectWorth, EventSets, GeneralForm, StructureErrors,
+        Unexplained, UnexplainedTerm, Untestable, misfit_root_floor,
     },
     identification::FittedStructure,
     load_model::effect::Kind,
@@ -57,6 +57,10 @@ pub struct DiagnosisV1 {
     pub segments: Vec<SegmentResidualV1>,
     /// Where it fails, event by event.
     pub failures: Vec<EventFailureV1>,
+    /// What the effects that the structure has already are worth; absent in documents of earlier
+    /// programs.
+    #[serde(default)]
+    pub effects: Vec<EffectWorthV1>,
     /// Candidates, best first.
     pub candidates: Vec<CandidateV1>,
     /// Effects on which these events are silent.
@@ -142,6 +146,20 @@ pub struct FittedStructureV1 {
     /// Every parameter of the model by its name, as the model declares it.
     #[serde(with = "ordered")]
     pub values: Vec<(String, f64)>,
+}
+
+/// Counterpart of [`EffectWorth`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EffectWorthV1 {
+    /// Its name.
+    pub effect: String,
+    /// As [`EffectWorth::delta_bic_without`].
+    #[serde(with = "nullable")]
+    pub delta_bic_without: f64,
+    /// As [`EffectWorth::untouched_without`].
+    pub untouched_without: Option<f64>,
+    /// Whether the events are described less well without it.
+    pub needed: bool,
 }
 
 /// Counterpart of [`Untestable`].
@@ -251,6 +269,7 @@ impl DiagnosisV1 {
             misfit_root_floor: misfit_root_floor(),
             segments: all(&diagnosis.segments),
             failures: all(&diagnosis.failures),
+            effects: all(&diagnosis.effects),
             candidates: all(&diagnosis.candidates),
             untestable: all(&diagnosis.untestable),
             unexplained: diagnosis.unexplained.as_ref().map(UnexplainedV1::from),
@@ -320,6 +339,17 @@ impl From<&StructureErrors> for StructureErrorsV1 {
             fit: (&errors.fit).into(),
             held_out: errors.gate.as_ref().map(ErrorSummaryV1::from),
             untouched: errors.untouched.as_ref().map(ErrorSummaryV1::from),
+        }
+    }
+}
+
+impl From<&EffectWorth> for EffectWorthV1 {
+    fn from(worth: &EffectWorth) -> Self {
+        Self {
+            effect: worth.effect.clone(),
+            delta_bic_without: worth.delta_bic_without,
+            untouched_without: worth.untouched_without,
+            needed: !worth.is_superfluous,
         }
     }
 }

@@ -2,9 +2,9 @@
 
 use crate::{
     diagnosis::{
-        self, Candidate, CrossCorrelation, Dependence, Diagnosis, DiagnosisCost, EventFailure,
-        EventSets, GeneralForm, Improvement, ImprovementStep, Quantity, Segment, SegmentResidual,
-        Status, StructureErrors, Unexplained, UnexplainedTerm, Untestable,
+        self, Candidate, CrossCorrelation, Dependence, Diagnosis, DiagnosisCost, EffectWorth,
+        EventFailure, EventSets, GeneralForm, Improvement, ImprovementStep, Quantity, Segment,
+        SegmentResidual, Status, StructureErrors, Unexplained, UnexplainedTerm, Untestable,
     },
     disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
     identification::{
@@ -320,6 +320,12 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
         noise_floor: 0.85,
         segments: vec![segment_residual()],
         failures: vec![event_failure()],
+        effects: vec![EffectWorth {
+            effect: "second_motor".to_owned(),
+            delta_bic_without: -4.5,
+            untouched_without: Some(6.4),
+            is_superfluous: true,
+        }],
         candidates: vec![Candidate {
             effect: "stator_resistance".to_owned(),
             kind: Kind::Physics,

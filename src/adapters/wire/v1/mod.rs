@@ -33,8 +33,8 @@ pub use batch_json::encode_batch_json;
 pub use comparison::{ComparisonV1, ComparisonsV1, JudgementV1};
 pub use decision::{DecisionV1, EvidenceV1};
 pub use diagnosis::{
-    CandidateV1, DiagnosisCostV1, DiagnosisV1, EventSetsV1, FittedStructureV1, GeneralFormV1,
-    StructureErrorsV1, UnexplainedTermV1, UnexplainedV1, UntestableV1,
+    CandidateV1, DiagnosisCostV1, DiagnosisV1, EffectWorthV1, EventSetsV1, FittedStructureV1,
+    GeneralFormV1, StructureErrorsV1, UnexplainedTermV1, UnexplainedV1, UntestableV1,
 };
 pub use errors_of_fit::{ErrorSummaryV1, EventErrorsV1};
 pub use event::{EventSummaryV1, ReasonV1, ScreeningV1, encode_event_summary};

@@ -1,8 +1,8 @@
 //! Where one jump lies, the others as they are, and how well that is known.
 
 use super::{
-    AFTER, BEFORE, COARSE, HEIGHT_DEVIATION, HEIGHT_EXPECTED, Jump, LARGE, LEAST_APART, Measured,
-    PhasorFilter, Voltage,
+    AFTER, BEFORE, BEFORE_MIDDLE, COARSE, HEIGHT_DEVIATION, HEIGHT_EXPECTED, Jump, LARGE,
+    LEAST_APART, Measured, PhasorFilter, Voltage,
 };
 
 /// What is left with one jump elsewhere.
@@ -30,14 +30,19 @@ pub(super) fn bent(measured: &Measured, fit: &Voltage, index: usize) -> f64 {
 }
 
 /// Where a jump is sought, the others as they are.
-pub(super) fn within(jumps: &[Jump], index: usize) -> (f64, f64) {
+pub(super) fn within(measured: &Measured, jumps: &[Jump], index: usize) -> (f64, f64) {
     let anchor = jumps[index].anchor as f64;
+    let earliest = if measured.is_longer() {
+        anchor - BEFORE_MIDDLE
+    } else {
+        anchor - BEFORE
+    };
     let before = index
         .checked_sub(1)
         .map(|i| jumps[i].position + LEAST_APART);
     let after = jumps.get(index + 1).map(|jump| jump.position - LEAST_APART);
     (
-        before.map_or(anchor - BEFORE, |low| low.max(anchor - BEFORE)),
+        before.map_or(earliest, |low| low.max(earliest)),
         after.map_or(anchor + AFTER, |high| high.min(anchor + AFTER)),
     )
 }
@@ -51,7 +56,7 @@ pub(super) fn instant(
     start: Option<&Voltage>,
 ) -> f64 {
     const FINE: f64 = 5e-4;
-    let (low, high) = within(jumps, index);
+    let (low, high) = within(measured, jumps, index);
     let value = |t: f64| objective_at(measured, range, jumps, (index, t), start);
     let steps = ((high - low) / COARSE).floor();
     let mut best = (f64::INFINITY, jumps[index].position);
@@ -94,7 +99,7 @@ fn deviation_of_few(
     index: usize,
 ) -> f64 {
     const POINTS: u32 = 54;
-    let (low, high) = within(jumps, index);
+    let (low, high) = within(measured, jumps, index);
     let at = |i: u32| low + (high - low) * f64::from(i) / f64::from(POINTS);
     let left: Vec<(f64, f64)> = (0..=POINTS)
         .map(|i| {

@@ -57,7 +57,7 @@ fn found(rate_fps: f64, filter: PhasorFilter, instants: (f64, f64), bad: &[usize
     for &k in bad {
         series.bad[k] = true;
     }
-    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series, 0);
     find(&series, &log, &steep, 2e-4, FilterChoice::Auto)
 }
 
@@ -130,7 +130,7 @@ fn instants_of_a_dip_of_two_samples_are_sought_together_and_its_recovery_is_no_j
         .map(|(voltage, angle)| Log::new(voltage.ln(), *angle))
         .collect();
     let series = series(30.0, &log);
-    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series, 0);
     let found = find(&series, &log, &steep, 4e-4, FilterChoice::Auto);
     let positions: Vec<f64> = found.jumps.iter().map(|j| j.1.position).collect();
     assert_eq!(positions.len(), 2, "{positions:?}");
@@ -182,7 +182,7 @@ fn a_swing_at_a_low_rate_is_no_jump() {
         .map(|(voltage, angle)| Log::new(voltage.ln(), *angle))
         .collect();
     let series = series(30.0, &log);
-    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series, 0);
     let found = find(&series, &log, &steep, 1e-3, FilterChoice::Auto);
     let positions: Vec<f64> = found.jumps.iter().map(|j| j.1.position).collect();
     assert_eq!(positions.len(), 2, "{positions:?}");
@@ -219,7 +219,7 @@ fn a_ramp_is_no_jump_behind_a_filter() {
         })
         .collect();
     let series = series(60.0, &log);
-    let steep = crate::identification::intake::edges::steps_at_edges(&series);
+    let steep = crate::identification::intake::edges::steps_at_edges(&series, 0);
     let found = find(&series, &log, &steep, 2e-4, FilterChoice::Auto);
     assert!(found.jumps.is_empty(), "{:?}", found.jumps);
 }
@@ -240,7 +240,7 @@ fn a_flicker_is_no_row_of_jumps() {
             })
             .collect();
         let series = series(60.0, &log);
-        let steep = crate::identification::intake::edges::steps_at_edges(&series);
+        let steep = crate::identification::intake::edges::steps_at_edges(&series, 0);
         let one_cycle = FilterChoice::Fixed(PhasorFilter::OneCycle);
         find(&series, &log, &steep, 2e-4, one_cycle)
     };
