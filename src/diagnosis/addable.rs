@@ -1,21 +1,25 @@
 //! Which effects a diagnosis looks for: those that a structure can take and that the events can show.
 
-use super::case::Case;
-use crate::load_model::{
-    Structure,
-    effect::{Declaration, Kind, Needs},
-    effects,
+use super::{case::Case, longer_window::are_standard};
+use crate::{
+    identification::intake::LONGER_WINDOW,
+    load_model::{
+        Structure,
+        effect::{Declaration, Kind, Needs},
+        effects,
+    },
 };
 
 /// A stream of 49.95 frames/s has 50.
 const RATE_TOLERANCE: f64 = 1.01;
 
-/// Effects that may be added to a structure and that these events can show.
+/// Effects that may be added to a structure and that these events can show. What residuals near edges look like is no word
+/// against what the voltages show of the window by themselves.
 pub(super) fn addable(structure: &Structure, case: &Case<'_>) -> Vec<&'static str> {
     let (_, shown) = by_rate(structure, &case.options.excluded, case.rate_fps());
-    shown
-        .into_iter()
-        .map(|declaration| declaration.name)
+    let names = shown.into_iter().map(|declaration| declaration.name);
+    names
+        .filter(|name| *name != LONGER_WINDOW || !are_standard(&case.judged))
         .collect()
 }
 

@@ -6,7 +6,7 @@ use super::{
     case::{Case, Watcher},
     convincing::convincing,
     in_the_way::WithoutIt,
-    longer_window::{Asked, seen, shown},
+    longer_window::{Asked, acquitted, seen, shown},
     not_named::why_not_named,
     options::{DiagnosisOptions, Progress},
     outcome::{
@@ -327,7 +327,10 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             refused,
         }
     };
-    listed.map(candidate).collect()
+    listed
+        .map(candidate)
+        .chain(acquitted(case, round))
+        .collect()
 }
 
 /// The instruments that so few samples per second cannot show.

@@ -543,7 +543,7 @@ fn deciding(errors: &StructureErrors) -> &ErrorSummary {
 }
 
 /// Whether a step that leads from errors to others is not taken.
-pub(super) fn is_worse(before: &StructureErrors, after: &StructureErrors) -> bool {
+fn is_worse(before: &StructureErrors, after: &StructureErrors) -> bool {
     let falls = after.judged_error_to_noise() <= before.judged_error_to_noise();
     let most = if falls { WORSE_MAX_OF_FEW } else { WORSE_MAX };
     deciding(after).error_to_noise > (1.0 + most) * deciding(before).error_to_noise

@@ -7,7 +7,7 @@ use super::{
     case::{Case, Watcher},
     convincing::fallen,
     diagnose::report,
-    improve::{Change, improve_settled, is_worse, start},
+    improve::{Change, improve_settled, start},
     options::{DiagnosisOptions, EventSplit},
     outcome::{Candidate, Diagnosis, Improvement, ImprovementStep, Status, StructureErrors},
     round::{Decision, Round},
@@ -42,19 +42,81 @@ pub(super) struct Asked<'a> {
 pub(super) fn shown(asked: &Asked<'_>) -> Option<LongerWindow> {
     let excluded = asked.options.excluded.iter().any(|e| e == LONGER_WINDOW);
     let slowest = asked.windows.iter().map(|w| w.record.rate_fps);
-    let slowest = slowest.fold(f64::INFINITY, f64::min);
-    let needed = effects::find(LONGER_WINDOW)?.declaration().needs.rate_fps;
     let may = !excluded
-        && RATE_TOLERANCE * slowest >= needed
+        && is_fast_enough(slowest.fold(f64::INFINITY, f64::min))
         && asked.options.identification.intake.filter == FilterChoice::Auto
         && asked.structure.with(LONGER_WINDOW).is_ok();
     may.then(|| longer_window(asked.windows)).flatten()
+}
+
+/// Whether there are samples enough to show a window.
+fn is_fast_enough(rate_fps: f64) -> bool {
+    let effect = effects::find(LONGER_WINDOW);
+    effect.is_some_and(|effect| effect.declaration().needs.rate_fps <= RATE_TOLERANCE * rate_fps)
 }
 
 /// Whether events are seen through a longer window.
 pub(super) fn is_accounted_for(events: &[PreparedEvent]) -> bool {
     let longer = |event: &PreparedEvent| matches!(event.filter, Some(PhasorFilter::Longer(_)));
     events.iter().any(longer)
+}
+
+/// The voltages speak for themselves, and what else the model lacks may show less in events that are seen wrongly: errors
+/// may rise by this share, not more.
+const RISE_MAX: f64 = 0.1;
+
+/// Whether errors rise by more than that.
+fn rises(before: &StructureErrors, after: &StructureErrors) -> bool {
+    let quoted = |errors: &StructureErrors| errors.quoted().error_to_noise;
+    let judged = StructureErrors::judged_error_to_noise;
+    let more = |before: f64, after: f64| after > (1.0 + RISE_MAX) * before;
+    more(quoted(before), quoted(after)) || more(judged(before), judged(after))
+}
+
+/// Share of the events with edges in which a window of the standard explains jumps that acquits the instrument.
+const STANDARD_SHARE: f64 = 0.5;
+
+/// Whether the jumps of the voltage are what a window of the standard makes of them.
+pub(super) fn are_standard(events: &[PreparedEvent]) -> bool {
+    let with_edges = || (events.iter()).filter(|event| event.near_edge.contains(&true));
+    let standard = |event: &&PreparedEvent| {
+        let seen = event.filter.is_some_and(PhasorFilter::is_of_the_standard);
+        seen && !event.edges.is_empty()
+    };
+    let (all, explained) = (with_edges().count(), with_edges().filter(standard).count());
+    all > 0 && explained as f64 >= STANDARD_SHARE * all as f64
+}
+
+/// That the window needs no trial; none where it was tried, or may not be added.
+pub(super) fn acquitted(case: &Case<'_>, round: &Round) -> Option<Candidate> {
+    let excluded = case.options.excluded.iter().any(|e| e == LONGER_WINDOW);
+    let tried = round.trials.iter().any(|t| t.name() == LONGER_WINDOW);
+    let may = round.base().baseline.structure.with(LONGER_WINDOW).is_ok();
+    if excluded || tried || !may || !is_fast_enough(case.rate_fps()) {
+        return None;
+    }
+    if !are_standard(&case.judged) {
+        return None;
+    }
+    let edges: usize = case.judged.iter().map(|event| event.edges.len()).sum();
+    Some(Candidate {
+        effect: LONGER_WINDOW.to_owned(),
+        kind: Kind::Instrument,
+        score_share: 0.0,
+        visibility: 1.0,
+        delta_bic: None,
+        held_out_error_before: None,
+        held_out_error_after: None,
+        share_of_best_gain: None,
+        group: vec![LONGER_WINDOW.to_owned()],
+        would_separate: String::new(),
+        parameters: Vec::new(),
+        model: None,
+        declared: false,
+        refused: vec![format!(
+            "{edges} jumps of the voltage are spread as windows of the standard spread them: this is no longer one"
+        )],
+    })
 }
 
 /// The structure as asked, and what it says once the longer window is accounted for.
@@ -65,8 +127,8 @@ pub(super) struct Seen {
     delta_bic: f64,
 }
 
-/// Fits the structure with events seen as the standard has it and through the longer window; none where the errors do not
-/// fall by it.
+/// Fits the structure with events seen as the standard has it and through the longer window; none where the errors clearly
+/// rise by it.
 pub(super) fn seen(
     asked: &Asked<'_>,
     window: LongerWindow,
@@ -135,7 +197,7 @@ struct Told {
 }
 
 impl Through<'_, '_> {
-    /// None where the errors are worse than without.
+    /// None where the errors are clearly worse than without.
     fn judged(
         self,
         structure: &Structure,
@@ -143,8 +205,7 @@ impl Through<'_, '_> {
     ) -> Result<Option<Told>, IdentificationError> {
         let fit = self.case.narrowed(&self.fit);
         let errors = self.case.errors(structure, &fit)?;
-        let falls = errors.judged_error_to_noise() < before.judged_error_to_noise();
-        if !falls || is_worse(before, &errors) {
+        if rises(before, &errors) {
             return Ok(None);
         }
         Ok(Some(Told {
@@ -219,7 +280,7 @@ fn candidate(case: &Case<'_>, base: &Baseline, before: &StructureErrors, told: &
     }
 }
 
-/// [`improve`](super::improve()) with the window accounted for in its first step; none where the errors do not fall by it, or where it was not
+/// [`improve`](super::improve()) with the window accounted for in its first step; none where the errors clearly rise by it, or where it was not
 /// to be added.
 pub(super) fn improvement(
     asked: &Asked<'_>,

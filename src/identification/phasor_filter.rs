@@ -75,6 +75,12 @@ impl PhasorFilter {
         }
     }
 
+    /// Whether samples were spread by a window of the standard.
+    #[must_use]
+    pub const fn is_of_the_standard(self) -> bool {
+        matches!(self, Self::OneCycle | Self::PClass)
+    }
+
     /// Half of the window's width, in nominal cycles.
     pub(super) fn half_width_cycles(self) -> f64 {
         match self {

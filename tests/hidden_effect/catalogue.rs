@@ -1,8 +1,8 @@
 //! One small site for every effect that shows in one: it is named first, among those that resemble it and one of each
 //! other kind, and lowers the error of the held-out events.
 //!
-//! Not here: `saturation`, `low_voltage_conversion`, `phasor_window` and `frequency_tracking`, which leave less than the
-//! noise in sites of this size.
+//! Not here: `low_voltage_conversion` and `frequency_tracking`, which leave less than the noise in sites of this size;
+//! `phasor_window` is in `longer_windows`.
 
 use super::{plain, windows};
 use loadmodeld::{
@@ -107,6 +107,23 @@ fn supplies_that_leave_at_the_second_dip() {
         (dips.value - 2.0).abs() < 1e-15 && dips.identifiable,
         "{dips:?}"
     );
+}
+
+/// Next to nothing shows of the saturation of ordinary motors: these are at it already at normal voltage.
+#[test]
+fn motors_that_saturate() {
+    let effect = Effect::Saturation;
+    let shape = StudyShape {
+        effects: vec![effect],
+        events: 6,
+        noise: 1e-4,
+        ..brief(60.0)
+    };
+    let mut options = study_site(7, 0, &shape).unwrap().options;
+    for (parameter, value) in [("at_1_0", "1.5"), ("at_1_2", "5")] {
+        options.effects[0].set(parameter, value).unwrap();
+    }
+    is_named_at(effect, &generate(&options, &mut |_| ()).unwrap());
 }
 
 #[test]

@@ -13,6 +13,7 @@
 
 mod catalogue;
 mod changed_sets;
+mod longer_windows;
 mod pairs;
 
 use loadmodeld::{
@@ -83,16 +84,14 @@ fn diagnosed(effects: &[Effect], number: u64) -> Diagnosis {
 /// Whatever diagnosis after diagnosis adds.
 fn improved(effects: &[Effect], number: u64) -> Improvement {
     let (site, windows) = site(effects, number);
+    improved_on(&site, &windows, &options())
+}
+
+fn improved_on(site: &Site, windows: &[Window], options: &DiagnosisOptions) -> Improvement {
     let change = Change::UntilAdequate;
-    let found = improve(
-        &site,
-        &windows,
-        &plain(),
-        &change,
-        &options(),
-        &|_| (),
-        &|| false,
-    );
+    let found = improve(site, windows, &plain(), &change, options, &|_| (), &|| {
+        false
+    });
     found.unwrap()
 }
 

@@ -57,6 +57,9 @@ const HEIGHT_DEVIATION: f64 = 0.15;
 const LARGE: f64 = 0.05;
 /// Time within which a steep step that is smaller by [`MOTION_SHARE`] is the motion that follows a jump, seconds.
 const MOTION_S: f64 = 0.06;
+/// Several jumps close to each other imitate one that a longer window has spread: each has to explain as much as its
+/// instant and height could of noise.
+const PER_JUMP: f64 = 25.0;
 /// Third derivative to be expected while instants are sought, 1/s^3: a swing of 0.3 rad at 6 rad/s.
 const ORDINARY_STIFFNESS: f64 = 65.0;
 
@@ -95,7 +98,7 @@ pub(super) fn find(
         } else {
             candidates(&problem, steep)
         };
-        let (located, misfit) = located(&problem, &candidates);
+        let (located, misfit, _) = located(&problem, &candidates);
         let convincing = |b: f64| misfit < (1.0 - CONVINCING_SHARE) * b - CONVINCING;
         if best.as_ref().is_none_or(|b| convincing(b.0)) {
             best = Some((misfit, candidates, located, problem));
@@ -144,10 +147,14 @@ pub(super) fn seen_through(
     noise: f64,
     filter: PhasorFilter,
 ) -> Seen {
-    let problem = problem(series, log, noise, filter);
-    let (located, left) = located(&problem, &candidates(&problem, steep));
+    let problem = Measured {
+        rough: true,
+        ..problem(series, log, noise, filter)
+    };
+    let (located, misfit, samples) = located(&problem, &candidates(&problem, steep));
     Seen {
-        left,
+        // Of noise alone the two parts of each sample leave two.
+        left: misfit - 2.0 * samples as f64 + PER_JUMP * located.len() as f64,
         jumps: located.len(),
         explained: located.iter().filter(|l| l.explained).count(),
     }
@@ -156,6 +163,7 @@ pub(super) fn seen_through(
 /// What is known before the jumps are.
 fn problem(series: &Series, log: &[Log], noise: f64, filter: PhasorFilter) -> Measured {
     Measured {
+        rough: false,
         log: log.to_vec(),
         bad: series.bad.clone(),
         noise,
@@ -280,17 +288,17 @@ fn middle_of_steep(step: &impl Fn(usize) -> Log, steepest: usize, steps: usize) 
     steepest + after.saturating_sub(before) / 2 - before.saturating_sub(after).div_ceil(2)
 }
 
-/// Finds the instants, cluster by cluster, and what they leave of the voltage.
+/// Finds the instants, cluster by cluster, and what they leave of the voltage at so many samples.
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "a filter spans a handful of samples"
 )]
-fn located(measured: &Measured, candidates: &[Jump]) -> (Vec<Located>, f64) {
+fn located(measured: &Measured, candidates: &[Jump]) -> (Vec<Located>, f64, usize) {
     let reach = measured.half_width.ceil() as usize;
     let last = measured.log.len() - 1;
     let mut list = Vec::with_capacity(candidates.len());
-    let mut misfit = 0.0;
+    let (mut misfit, mut samples) = (0.0, 0);
     let mut start = 0;
     while start < candidates.len() {
         let mut end = start + 1;
@@ -310,10 +318,11 @@ fn located(measured: &Measured, candidates: &[Jump]) -> (Vec<Located>, f64) {
         let (found, left) = cluster(measured, (from, to), &candidates[start..end]);
         list.extend(found);
         misfit += left;
+        samples += (from..=to).filter(|&k| !measured.bad[k]).count();
         start = end;
     }
     refuse_ramps(measured, &mut list);
-    (list, misfit)
+    (list, misfit, samples)
 }
 
 /// Behind a filter two jumps the same way, close to each other, look like a ramp: neither is taken.
@@ -364,7 +373,8 @@ struct Settled {
 fn descended(measured: &Measured, range: (usize, usize), mut jumps: Vec<Jump>) -> Settled {
     let mut fit = Voltage::fit(measured, range, &jumps, None);
     if measured.filter != PhasorFilter::None {
-        let rounds = if jumps.len() > 1 { 3 } else { 1 };
+        let once = jumps.len() == 1 || measured.rough;
+        let rounds = if once { 1 } else { 3 };
         for _ in 0..rounds {
             for index in 0..jumps.len() {
                 jumps[index].position = instant(measured, range, &jumps, index, fit.as_ref());

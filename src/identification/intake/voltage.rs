@@ -73,6 +73,8 @@ pub(super) struct Measured {
     pub(super) half_width: f64,
     /// Its shape.
     pub(super) filter: PhasorFilter,
+    /// Instants of jumps are sought once and roughly: which window they show is asked, not when they were.
+    pub(super) rough: bool,
 }
 
 /// A piece between two jumps: nodes at samples `first`, `first + 1`, ...

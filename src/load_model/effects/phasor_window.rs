@@ -3,9 +3,19 @@
 //! A phasor is a mean over some cycles. Where the instrument's window is longer than assumed, P and Q
 //! around the edges are means of what the model says.
 //!
-//! Missing, it leaves a residual at the edges that begins *before* the dip.
+//! Missing, it leaves a residual at the edges that begins *before* the dip, and the voltage that drives the
+//! model is not what the load saw.
 //!
-//! With the share `w` of a mean over `+-h` in the window, acting on the phasors of voltage and current:
+//! The width is not fitted: the voltages show it by themselves. A fault begins and ends within a
+//! millisecond, so the samples that a jump is spread over are the window's. Where the jumps of all events
+//! are explained by one window longer than those of the standard (a triangle over two nominal cycles at
+//! most), a diagnosis says so before it tries any effect of the load; in a structure with this effect
+//! every event is then seen through it, the voltage taken apart and the model's P and Q put together
+//! again by the same window, and a note of the set tells its width. Where the jumps are those of the
+//! standard, this effect is acquitted and not tried.
+//!
+//! What (1) adds is a rest: a further mean behind the window that was recognised, or in its place where
+//! the voltages have no jumps that tell one. With the share `w` of a mean over `+-h` in the window, acting on the phasors of voltage and current:
 //!
 //! ```text
 //! V_m = (1 - w) V + w mean(V),   I_m = (1 - w) I + w mean(I)           (1)
@@ -36,7 +46,7 @@ const DECLARATION: Declaration = Declaration {
     name: "phasor_window",
     title: "Longer phasor window than assumed",
     kind: Kind::Instrument,
-    version: 1,
+    version: 2,
     parameters: &[
         Parameter::one_sided(["share", "w", "1"], [0.5, 1.0, 0.1]),
         Parameter::positive_shape(["half_width_s", "h", "s"], [0.004, 0.02, 0.1], 0.7),

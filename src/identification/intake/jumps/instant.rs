@@ -56,6 +56,8 @@ pub(super) fn instant(
     start: Option<&Voltage>,
 ) -> f64 {
     const FINE: f64 = 5e-4;
+    const ROUGH: f64 = 0.02;
+    let fine = if measured.rough { ROUGH } else { FINE };
     let (low, high) = within(measured, jumps, index);
     let value = |t: f64| objective_at(measured, range, jumps, (index, t), start);
     let steps = ((high - low) / COARSE).floor();
@@ -73,7 +75,7 @@ pub(super) fn instant(
     let (mut a, mut b) = ((best.1 - COARSE).max(low), (best.1 + COARSE).min(high));
     let (mut x, mut y) = (b - ratio * (b - a), a + ratio * (b - a));
     let (mut fx, mut fy) = (value(x), value(y));
-    while b - a > FINE {
+    while b - a > fine {
         if fx <= fy {
             (b, y, fy) = (y, x, fx);
             x = b - ratio * (b - a);
@@ -132,7 +134,7 @@ pub(super) fn deviation(
     fit: &Voltage,
 ) -> f64 {
     const APART: f64 = 0.05;
-    if measured.filter == PhasorFilter::None {
+    if measured.filter == PhasorFilter::None || measured.rough {
         return UNKNOWN;
     }
     if measured.has_short_window() {
