@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// A stream of 49.95 frames/s has 50.
-const RATE_TOLERANCE: f64 = 1.01;
+pub(super) const RATE_TOLERANCE: f64 = 1.01;
 
 /// Effects that may be added to a structure and that these events can show. What residuals near edges look like is no word
 /// against what the voltages show of the window by themselves.

@@ -84,7 +84,10 @@ pub fn improve(
         told_over_all(&mut done);
         return Ok(done);
     }
-    let mut done = improve_settled(&asked, change)?;
+    let mut done = match longer_window::removal(&asked, change)? {
+        Some(done) => done,
+        None => improve_settled(&asked, change)?,
+    };
     told_over_all(&mut done);
     Ok(done)
 }

@@ -3,6 +3,7 @@
 //! not accounted for, effects of the load are named in its place.
 
 use super::{
+    addable::RATE_TOLERANCE,
     anew::with_settled_events,
     case::{Case, Watcher},
     convincing::fallen,
@@ -24,9 +25,6 @@ use crate::{
     load_model::{Structure, effect::Kind, effects},
     measurement::Site,
 };
-
-/// A stream of 49.95 frames/s has 50.
-const RATE_TOLERANCE: f64 = 1.01;
 
 /// What a diagnosis is made from.
 #[derive(Clone, Copy)]
@@ -280,8 +278,8 @@ fn candidate(case: &Case<'_>, base: &Baseline, before: &StructureErrors, told: &
     }
 }
 
-/// [`improve`](super::improve()) with the window accounted for in its first step; none where the errors clearly rise by it, or where it was not
-/// to be added.
+/// [`improve`](super::improve()) with the window accounted for in its first step; none where the errors clearly rise by
+/// it, or where it was not to be added.
 pub(super) fn improvement(
     asked: &Asked<'_>,
     change: &Change,
@@ -321,6 +319,40 @@ pub(super) fn improvement(
     };
     let seen = seen(&before, window)?;
     Ok(seen.map(|seen| joined(seen, done, *change == Change::UntilAdequate)))
+}
+
+/// [`improve`](super::improve()) with the window taken out by hand in its first step: from there all events are seen as
+/// the standard has it. None where it was not to be taken out.
+pub(super) fn removal(
+    asked: &Asked<'_>,
+    change: &Change,
+) -> Result<Option<Improvement>, IdentificationError> {
+    let Change::ByHand { add, remove } = change else {
+        return Ok(None);
+    };
+    if !remove.iter().any(|name| name == LONGER_WINDOW) {
+        return Ok(None);
+    }
+    let without = asked.structure.without(LONGER_WINDOW)?;
+    let inner = Change::ByHand {
+        add: add.clone(),
+        remove: (remove.iter().filter(|name| *name != LONGER_WINDOW).cloned()).collect(),
+    };
+    let unaccounted = Asked {
+        structure: &without,
+        ..*asked
+    };
+    let mut done = improve_settled(&unaccounted, &inner)?;
+    let events = &done.last.events;
+    let options = named(asked.options, &events.gate, &events.untouched);
+    let (site, windows, watcher) = (asked.site, asked.windows, asked.watcher);
+    let before = with_settled_events(site, windows, asked.structure, &options, watcher, start)?;
+    if let Some(first) = done.steps.first_mut() {
+        first.dropped = vec![LONGER_WINDOW.to_owned()];
+        "removed by hand".clone_into(&mut first.reason);
+    }
+    done.steps.insert(0, before);
+    Ok(Some(done))
 }
 
 /// The step to the window before the steps from there.

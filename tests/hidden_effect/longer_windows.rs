@@ -2,8 +2,11 @@
 
 use super::{improved_on, plain, quoted_errors, windows};
 use loadmodeld::{
-    diagnosis::{DiagnosisOptions, Improvement, Status, diagnose},
+    diagnosis::{
+        Change, DiagnosisOptions, Improvement, ImprovementStep, Status, diagnose, improve,
+    },
     identification::{WindowShape, intake::longer_window},
+    load_model::effects,
     truth::{Effect, HiddenEffect, StudyShape, SyntheticSite, generate, study_site},
 };
 
@@ -96,6 +99,47 @@ fn the_instrument_is_blamed_and_no_effect_of_the_load() {
         notes.iter().any(|n| n.contains("phasor window")),
         "{notes:?}"
     );
+}
+
+#[test]
+fn taken_out_by_hand_events_are_seen_as_before() {
+    let made = made("6", 60.0, &[]);
+    let change = |add: &[&str], remove: &[&str]| Change::ByHand {
+        add: add.iter().map(|&name| name.to_owned()).collect(),
+        remove: remove.iter().map(|&name| name.to_owned()).collect(),
+    };
+    let all = effects::catalogue().iter();
+    let options = DiagnosisOptions {
+        excluded: (all.map(|e| e.declaration().name.to_owned()))
+            .filter(|name| name != WINDOW)
+            .collect(),
+        ..DiagnosisOptions::default()
+    };
+    let changed = |structure: &[String], change: &Change| {
+        let (site, windows) = (&made.options.site, windows(&made));
+        let done = improve(
+            site,
+            &windows,
+            structure,
+            change,
+            &options,
+            &|_| (),
+            &|| false,
+        );
+        let steps = done.unwrap().steps;
+        assert_eq!(steps.len(), 2);
+        steps
+    };
+    let added = changed(&plain(), &change(&[WINDOW], &[]));
+    let removed = changed(&added[1].structure, &change(&[], &[WINDOW]));
+    assert_eq!(removed[1].dropped, [WINDOW]);
+    assert_eq!(removed[1].structure, added[0].structure);
+    let accounted_for = |step: &ImprovementStep| {
+        let notes = &step.set.notes;
+        notes.iter().any(|note| note.contains("phasor window"))
+    };
+    let seen = [&added[0], &added[1], &removed[0], &removed[1]].map(accounted_for);
+    assert_eq!(seen, [false, true, true, false]);
 }
 
 #[test]
