@@ -25,15 +25,28 @@ impl From<IdentificationError> for Stop {
     }
 }
 
-/// Does something with the events of a site and the fits of a structure to them, anew as often as their sets are changed.
+/// What is asked: a structure on the events of a site.
+#[derive(Clone, Copy)]
+pub(super) struct Asked<'a> {
+    pub(super) site: &'a Site,
+    pub(super) windows: &'a [Window],
+    pub(super) structure: &'a Structure,
+    pub(super) options: &'a DiagnosisOptions,
+    pub(super) watcher: Watcher<'a>,
+}
+
+/// Does something with the events and the fits of the structure to them, anew as often as their sets are changed.
 pub(super) fn with_settled_events<T>(
-    site: &Site,
-    windows: &[Window],
-    structure: &Structure,
-    options: &DiagnosisOptions,
-    watcher: Watcher<'_>,
+    asked: &Asked<'_>,
     done_with: impl Fn(&Case<'_>, Baseline) -> Result<T, Stop>,
 ) -> Result<T, IdentificationError> {
+    let Asked {
+        site,
+        windows,
+        structure,
+        options,
+        watcher,
+    } = *asked;
     let mut changes = Changes::default();
     loop {
         let mut case = Case::new(site, windows, structure, options, &changes, watcher)?;

@@ -2,11 +2,11 @@
 
 use super::{
     addable::{addable, hidden_by_rate},
-    anew::with_settled_events,
+    anew::{Asked, with_settled_events},
     case::{Case, Watcher},
     convincing::convincing,
     in_the_way::WithoutIt,
-    longer_window::{Asked, acquitted, seen, shown},
+    longer_window::{acquitted, seen, shown},
     not_named::why_not_named,
     options::{DiagnosisOptions, Progress},
     outcome::{
@@ -61,17 +61,13 @@ pub fn diagnose(
         options,
         watcher,
     };
-    let of_window = shown(&asked).map(|window| seen(&asked, window));
-    if let Some(Ok(Some(seen))) = of_window {
-        return Ok(seen.diagnosis);
-    }
-    let judged = with_settled_events(site, windows, &parsed, options, watcher, |case, base| {
-        case.none_at_edges(&base)?;
-        if let Some(WithoutIt { case, round, .. }) = case.without_what_is_in_the_way(&base)? {
-            return Ok(with_worth(&case, &round)?);
-        }
-        let round = round(case, base)?;
-        Ok(with_worth(case, &round)?)
+    let of_window = match shown(&asked) {
+        Some(window) => seen(&asked, window),
+        None => Ok(None),
+    };
+    let judged = of_window.and_then(|seen| match seen {
+        Some(seen) => Ok(seen.diagnosis),
+        None => of_the_load(&asked),
     });
     match judged {
         Err(error)
@@ -82,6 +78,18 @@ pub fn diagnose(
         }
         other => other,
     }
+}
+
+/// The diagnosis where the instrument's window is no longer than the standard's, or is accounted for.
+fn of_the_load(asked: &Asked<'_>) -> Result<Diagnosis, IdentificationError> {
+    with_settled_events(asked, |case, base| {
+        case.none_at_edges(&base)?;
+        if let Some(WithoutIt { case, round, .. }) = case.without_what_is_in_the_way(&base)? {
+            return Ok(with_worth(&case, &round)?);
+        }
+        let round = round(case, base)?;
+        Ok(with_worth(case, &round)?)
+    })
 }
 
 /// What a round says, and what the effects that the structure has already are worth.

@@ -2,12 +2,12 @@
 
 use super::{
     addable::addable,
-    anew::{Stop, with_settled_events},
+    anew::{Asked, Stop, with_settled_events},
     case::{Case, Watcher},
     convincing::over_all,
     diagnose::report,
     in_the_way::WithoutIt,
-    longer_window::{self, Asked, shown},
+    longer_window::{self, shown},
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status},
     round::{Second, round},
@@ -103,14 +103,7 @@ pub(super) fn improve_settled(
     asked: &Asked<'_>,
     change: &Change,
 ) -> Result<Improvement, IdentificationError> {
-    let Asked {
-        site,
-        windows,
-        structure,
-        options,
-        watcher,
-    } = *asked;
-    with_settled_events(site, windows, structure, options, watcher, |case, base| {
+    with_settled_events(asked, |case, base| {
         let mut stairs = Stairs::new(case, base)?;
         match change {
             Change::UntilAdequate => stairs.climb()?,
@@ -122,7 +115,7 @@ pub(super) fn improve_settled(
         };
         last = last.with_worth(worth_of(case, &stairs.at, &stairs.given(change))?);
         Ok(Improvement {
-            site: site.name.clone(),
+            site: asked.site.name.clone(),
             steps: stairs.steps,
             last,
             diagnoses: stairs.diagnoses,

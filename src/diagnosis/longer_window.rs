@@ -4,8 +4,8 @@
 
 use super::{
     addable::RATE_TOLERANCE,
-    anew::with_settled_events,
-    case::{Case, Watcher},
+    anew::{Asked, with_settled_events},
+    case::Case,
     convincing::fallen,
     diagnose::report,
     improve::{Change, improve_settled, start},
@@ -23,18 +23,7 @@ use crate::{
         intake::{LONGER_WINDOW, PreparedEvent, longer_window},
     },
     load_model::{Structure, effect::Kind, effects},
-    measurement::Site,
 };
-
-/// What a diagnosis is made from.
-#[derive(Clone, Copy)]
-pub(super) struct Asked<'a> {
-    pub(super) site: &'a Site,
-    pub(super) windows: &'a [Window],
-    pub(super) structure: &'a Structure,
-    pub(super) options: &'a DiagnosisOptions,
-    pub(super) watcher: Watcher<'a>,
-}
 
 /// The window that the voltages show, where it is not accounted for yet.
 pub(super) fn shown(asked: &Asked<'_>) -> Option<LongerWindow> {
@@ -135,11 +124,11 @@ pub(super) fn seen(
     let Asked {
         site,
         windows,
-        structure,
         options,
         watcher,
+        ..
     } = *asked;
-    with_settled_events(site, windows, structure, options, watcher, |case, base| {
+    with_settled_events(asked, |case, base| {
         watcher.says(
             format!("seeing all events through {}", window.in_words()),
             0,
@@ -345,8 +334,11 @@ pub(super) fn removal(
     let mut done = improve_settled(&unaccounted, &inner)?;
     let events = &done.last.events;
     let options = named(asked.options, &events.gate, &events.untouched);
-    let (site, windows, watcher) = (asked.site, asked.windows, asked.watcher);
-    let before = with_settled_events(site, windows, asked.structure, &options, watcher, start)?;
+    let before = Asked {
+        options: &options,
+        ..*asked
+    };
+    let before = with_settled_events(&before, start)?;
     if let Some(first) = done.steps.first_mut() {
         first.dropped = vec![LONGER_WINDOW.to_owned()];
         "removed by hand".clone_into(&mut first.reason);

@@ -268,6 +268,8 @@ fn candidates(measured: &Measured, steep: &[bool]) -> Vec<Jump> {
         }
     }
     anchors.sort_unstable();
+    // A ramp longer than the window has one middle for several anchors.
+    anchors.dedup();
     let last = log.len() - 1;
     anchors
         .into_iter()

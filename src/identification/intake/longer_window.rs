@@ -14,6 +14,9 @@ use super::{
 };
 use crate::disturbance::Window;
 
+/// Usable samples of an event that is asked.
+const SAMPLES_MIN: usize = 20;
+
 /// Whole widths of a triangle that are tried first, nominal cycles. The shortest is clearly longer than the windows of the
 /// standard.
 const TRIANGLES: [f64; 7] = [2.6, 3.2, 4.0, 5.0, 6.5, 9.0, 12.0];
@@ -74,6 +77,14 @@ fn window(shape: WindowShape, cycles: f64) -> LongerWindow {
     }
 }
 
+/// The least width that is clearly longer than the windows of the standard.
+const fn least_cycles(shape: WindowShape) -> f64 {
+    match shape {
+        WindowShape::Mean => MEAN_LEAST_CYCLES,
+        WindowShape::Triangle => TRIANGLES[0],
+    }
+}
+
 /// The window that leaves least.
 fn best_window(events: &[Jumping]) -> Option<LongerWindow> {
     let left = |window: LongerWindow| {
@@ -95,6 +106,9 @@ fn best_window(events: &[Jumping]) -> Option<LongerWindow> {
     for step in CLOSER {
         for twentieths in [best.twentieths - step, best.twentieths + step] {
             let other = LongerWindow { twentieths, ..best };
+            if other.cycles() < least_cycles(best.shape) {
+                continue;
+            }
             let leaves = left(other);
             if leaves < least {
                 (least, best) = (leaves, other);
@@ -143,6 +157,9 @@ impl Jumping {
     fn read(window: &Window) -> Option<Self> {
         let mut series = Series::read(&window.record)?;
         spikes::remove(&mut series);
+        if series.bad.iter().filter(|bad| !**bad).count() < SAMPLES_MIN {
+            return None;
+        }
         let widest = TRIANGLES.into_iter().fold(0.0, f64::max);
         let steep = edges::steps_at_edges(&series, samples_of(widest, &series));
         if !steep.contains(&true) {
