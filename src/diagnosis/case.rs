@@ -3,6 +3,7 @@
 use super::{
     event_sets::{Apart, Changes, Use, exchange, let_be_fitted_what_shows, not_foretold, uses},
     evidence::ADEQUATE_FLOORS,
+    narrowings::Narrowings,
     options::{DiagnosisOptions, EventSplit, Progress},
     outcome::{EventSets, StructureErrors},
 };
@@ -78,6 +79,8 @@ pub(super) struct Case<'a> {
     pub(super) found: Fit,
     /// How the reactive coefficients of all events go with Q0/P0.
     pub(super) trend: ReactiveTrend,
+    /// Fits of the judged events that were narrowed already.
+    pub(super) narrowings: Narrowings,
 }
 
 impl<'a> Case<'a> {
@@ -134,6 +137,7 @@ impl<'a> Case<'a> {
             problem,
             found,
             trend,
+            narrowings: Narrowings::default(),
         })
     }
 

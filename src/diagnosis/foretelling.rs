@@ -117,8 +117,25 @@ impl Case<'_> {
 
     /// The model of `fit` as it is quoted and published.
     pub(super) fn narrowed(&self, fit: &ComposedFit) -> ComposedFit {
+        if let Some(known) = self.narrowings.known(fit, None) {
+            return known;
+        }
         let options = &self.options.composed;
-        composed::narrowed(&self.judged, fit, options, self.watcher.cancel)
+        let found = composed::narrowed(&self.judged, fit, options, self.watcher.cancel);
+        self.remembered(fit, None, found)
+    }
+
+    /// What a fit was narrowed to, remembered unless it was cut short.
+    fn remembered(
+        &self,
+        fit: &ComposedFit,
+        gates: Option<&[bool]>,
+        found: ComposedFit,
+    ) -> ComposedFit {
+        if !(self.watcher.cancel)() {
+            self.narrowings.remember(fit, gates, &found);
+        }
+        found
     }
 
     /// The same without the gate. Whether a voltage is open is asked once more of where the narrowing took it.
@@ -126,13 +143,17 @@ impl Case<'_> {
         &self,
         fit: &ComposedFit,
     ) -> Result<ComposedFit, IdentificationError> {
+        let gates = Some(self.gates.as_slice());
+        if let Some(known) = self.narrowings.known(fit, gates) {
+            return Ok(known);
+        }
         let options = &self.options.composed;
         let fitted = self.part(false);
         let narrowed =
             |own: ComposedFit| composed::narrowed(&fitted, &own, options, self.watcher.cancel);
         let own = narrowed((self.without_gate(fit, options)).ok_or_else(|| self.failed())?);
         let held = self.open_levels_held(&fitted, &own, fit, options);
-        Ok(held.map_or(own, narrowed))
+        Ok(self.remembered(fit, gates, held.map_or(own, narrowed)))
     }
 
     /// Weighted squares per row of the gating events, which the fit that is judged has not seen (coarsely

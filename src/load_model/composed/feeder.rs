@@ -16,6 +16,10 @@
 //! the plain iteration. Its derivatives follow from those of `g` at the solution:
 //! `dx = (1 - dg/dx)^-1 dg/dp` (3).
 
+mod ahead;
+
+pub(super) use ahead::Way;
+
 use super::{complex, motor::Motor};
 use crate::numerics::{Elementary, Sensitivities};
 

@@ -1,15 +1,18 @@
 //! One pass over the input with one scalar: states by fixed steps, power at the output instants,
 //! then the instrument.
 
+mod now;
+
+pub(super) use now::Now;
+
 use super::{
     Drive, Instant, Rest, SimulationError, Step,
     active::{Active, Pass},
     at_rest::at_rest,
     complex,
-    feeder::{Network, Secant, Solution},
+    feeder::{Network, Solution, Way},
     grid::Grid,
     kept::Kept,
-    motor::MotorState,
     places::{Acting, Places, product},
     series::{View, frequency_series, measure, seen},
     static_lag::StaticLag,
@@ -56,51 +59,6 @@ struct Simulation<'r, 'a, S> {
     known: Vec<Solution>,
     /// What motors see of the frequency; none where it is what was measured.
     seen: Option<Vec<View<S>>>,
-}
-
-/// What moves during a pass.
-#[derive(Clone)]
-pub(super) struct Now<S> {
-    pub(super) motor: MotorState<S>,
-    pub(super) effects: Vec<S>,
-    /// Voltage as the static load sees it.
-    pub(super) lagged: S,
-    /// Phasor at the load over the measured one.
-    ratio: [S; 2],
-    secant: Secant,
-    /// How often a solution at the load was looked for.
-    looked_for: usize,
-    /// Solutions that no pass before has found, or not with their slopes.
-    solutions: Vec<Solution>,
-    /// Lowest voltage at the load at an output instant so far, where that is not the measured one.
-    lowest_voltage: f64,
-}
-
-impl<S: Pass> Now<S> {
-    /// With the motor and the effects at rest.
-    fn at_rest(motor: MotorState<S>, effects: Vec<S>) -> Self {
-        Self {
-            motor,
-            effects,
-            lagged: S::constant(1.0),
-            ratio: [S::constant(1.0), S::constant(0.0)],
-            secant: Secant::PLAIN,
-            looked_for: 0,
-            solutions: Vec::new(),
-            lowest_voltage: f64::INFINITY,
-        }
-    }
-
-    /// Takes over the state of another, and its list of solutions.
-    fn exchange(&mut self, other: &mut Self) {
-        self.motor = other.motor;
-        self.effects.copy_from_slice(&other.effects);
-        self.lagged = other.lagged;
-        self.ratio = other.ratio;
-        self.secant = other.secant;
-        self.looked_for = other.looked_for;
-        std::mem::swap(&mut self.solutions, &mut other.solutions);
-    }
 }
 
 /// An output instant, or somewhere before the next.
@@ -205,6 +163,13 @@ fn constants<S: Pass>(u: [[f64; 2]; 3]) -> [[S; 2]; 3] {
     ]
 }
 
+/// A ratio at the beginning, in the middle and at the end of a step that goes straight.
+#[inline]
+fn straight<S: Pass>(first: [S; 2], last: [S; 2]) -> [[S; 2]; 3] {
+    let middle = [(first[0] + last[0]) * 0.5, (first[1] + last[1]) * 0.5];
+    [first, middle, last]
+}
+
 impl<S: Pass> Simulation<'_, '_, S> {
     /// By fixed steps.
     fn integrate(
@@ -254,6 +219,9 @@ impl<S: Pass> Simulation<'_, '_, S> {
                 if self.coupled {
                     let between = shares.map(|share| self.moment(index, share));
                     self.advance_coupled([&mut now, &mut trial], u, duration_s, between)?;
+                    if terminal.jumps[sample] {
+                        now.way = Way::UNKNOWN;
+                    }
                 } else {
                     self.advance_bare(&mut now, u, duration_s, (index, shares), part);
                 }
@@ -356,8 +324,8 @@ impl<S: Pass> Simulation<'_, '_, S> {
     }
 
     /// A step in which the phasor at the load is not the measured one. Behind a feeder it depends on
-    /// the load: one step with the ratio of the two held finds the ratio at the end, and a second one
-    /// lets the ratio go straight there.
+    /// the load: the ratio of the two goes on its way. Where that is not known one step with the ratio held finds it at the
+    /// end, and a second one lets it go straight there.
     fn advance_coupled(
         &self,
         [now, trial]: [&mut Now<S>; 2],
@@ -367,22 +335,31 @@ impl<S: Pass> Simulation<'_, '_, S> {
     ) -> Result<(), SimulationError> {
         let measured = constants(u);
         let between = [from, to];
-        let (first, last) = if self.network.is_some() {
-            let first = now.ratio;
+        if self.network.is_none() {
+            let [first, last] = between.map(|at| self.gains(now, at));
+            let ratios = straight(first, last);
+            self.advance_with(now, measured, ratios, duration_s, between);
+            now.ratio = last;
+            return Ok(());
+        }
+        let first = now.ratio;
+        if let Some([middle, last]) = now.way.ahead(first, duration_s) {
+            self.advance_with(now, measured, [first, middle, last], duration_s, between);
+            now.ratio = self.ratio(now, measured[2], to)?;
+            now.settled = true;
+        } else {
             trial.exchange(now);
             self.advance_with(trial, measured, [first; 3], duration_s, between);
             let last = self.ratio(trial, measured[2], to)?;
             now.secant = trial.secant;
             now.looked_for = trial.looked_for;
             std::mem::swap(&mut now.solutions, &mut trial.solutions);
-            (first, last)
-        } else {
-            (self.gains(now, from), self.gains(now, to))
-        };
-        let middle = [(first[0] + last[0]) * 0.5, (first[1] + last[1]) * 0.5];
-        let ratios = [first, middle, last];
-        self.advance_with(now, measured, ratios, duration_s, between);
-        now.ratio = last;
+            let ratios = straight(first, last);
+            self.advance_with(now, measured, ratios, duration_s, between);
+            now.ratio = last;
+            now.settled = false;
+        }
+        now.way.add(first, duration_s);
         Ok(())
     }
 
@@ -492,7 +469,9 @@ impl<S: Pass> Simulation<'_, '_, S> {
         let at = self.moment(index, 0.0);
         let u = complex::constant(grid.phasor[index]);
         let [active, reactive] = if self.coupled {
-            now.ratio = self.ratio(now, u, at)?;
+            if !now.settled {
+                now.ratio = self.ratio(now, u, at)?;
+            }
             let own = complex::product(u, now.ratio);
             let voltage = complex::modulus(own.map(S::value));
             now.lowest_voltage = now.lowest_voltage.min(voltage);

@@ -96,6 +96,72 @@ fn rough_steps_stay_within_what_measurements_tell_apart() {
     });
 }
 
+/// The same phasor sampled so many times as fast.
+fn sampled_faster(input: &TerminalInput, by: usize) -> TerminalInput {
+    let fine = |of: &[f64]| {
+        let between = |pair: &[f64]| {
+            let (from, to) = (pair[0], pair[1]);
+            (0..by).map(move |j| from + (to - from) * j as f64 / by as f64)
+        };
+        let mut all: Vec<f64> = of.windows(2).flat_map(between).collect();
+        all.extend(of.last());
+        all
+    };
+    let jumps = input.jumps.iter();
+    TerminalInput {
+        real: fine(&input.real),
+        imaginary: fine(&input.imaginary),
+        sample_interval_s: input.sample_interval_s / by as f64,
+        jumps: jumps.flat_map(|jump| vec![*jump; by]).collect(),
+        dense: vec![false; input.dense.len() * by],
+        ..input.clone()
+    }
+}
+
+#[test]
+fn full_steps_give_what_eight_times_as_many_samples_give() {
+    const FASTER: usize = 8;
+    let structures: [&[&str]; 5] = [
+        &["second_motor"],
+        &["feeder_impedance"],
+        &["second_motor", "feeder_impedance"],
+        &["double_cage_rotor", "feeder_impedance"],
+        &["speed_dependent_torque", "feeder_impedance"],
+    ];
+    for names in structures {
+        let all: Vec<&str> = ["zip", "induction_motor"]
+            .iter()
+            .chain(names)
+            .copied()
+            .collect();
+        let model = ComposedModel::new(&Structure::parse(&all).unwrap());
+        let parameters = model.typical();
+        for depth in [0.8, 0.5] {
+            let input = contract::a_dip(depth, -0.1);
+            let faster = sampled_faster(&input, FASTER);
+            let run = |input: &TerminalInput| {
+                let drive = Drive::new(input, &[], 0.25);
+                let found = model.simulate(&parameters, &[], &drive).unwrap();
+                [found.active, found.reactive]
+            };
+            // Every output instant of the one is a sample of the other.
+            let apart = input.points_per_sample / FASTER;
+            let points = input.output_points();
+            let at: Vec<usize> = points.iter().map(|point| point / apart).collect();
+            let [exact, found] = [run(&faster), run(&input)];
+            for (exact, found) in exact.iter().zip(&found) {
+                let exact: Vec<f64> = at.iter().map(|&i| exact[i]).collect();
+                let square = exact.iter().zip(found).map(|(x, y)| (x - y).powi(2));
+                let off = (square.sum::<f64>() / at.len() as f64).sqrt();
+                assert!(off < 2e-4, "{names:?}, depth {depth}: {off:e}");
+                // At the edge of a deep dip the fine grid itself is coarse.
+                let most = largest_difference(&exact, found);
+                assert!(most < 2e-3, "{names:?}, depth {depth}: {most:e}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_motor_with_every_detail_neutral_is_the_plain_one() {
     let names = ["zip", "induction_motor", "stator_resistance"];
