@@ -157,6 +157,7 @@ fn event(
         id: format!("problem_{index:03}"),
         input,
         q0_over_p0: truth.q0_over_p0,
+        frequency_deviation: vec![0.0; active.len()],
         active,
         reactive,
         noise: [noise.max(LEAST_DEVIATION); 2],

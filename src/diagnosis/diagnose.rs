@@ -14,7 +14,8 @@ use super::{
         StructureErrors, Unexplained, Untestable,
     },
     round::{Decision, Round, round},
-    trials::{Trial, amplitude},
+    separating::{Silent, ordinary, separated, would_show},
+    trials::{Trial, amplitude as amplitude_of},
     unexplained,
     where_it_fails::{failure, pooled},
     worth::{effects_of, superfluous_in_words, worth_of},
@@ -192,8 +193,8 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         effects: Vec::new(),
         candidates,
         answer_set,
-        untestable: trials()
-            .filter_map(|t| untestable(round, t))
+        untestable: silent(case, round)
+            .into_iter()
             .chain(too_slow(case, structure))
             .chain(without_value(case, round))
             .collect(),
@@ -278,6 +279,8 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
         .filter(|g| g.is_finite())
         .fold(0.0, f64::max);
     let listed = order.into_iter().map(|i| (i, &round.trials[i]));
+    let named: Vec<&Trial> = answer.iter().map(|&i| &round.trials[i]).collect();
+    let apart = separated(case, &named);
     let candidate = |(place, trial): (usize, &Trial)| {
         let evidence = trial.evidence.as_ref();
         let gate = evidence.and_then(|e| e.gate);
@@ -296,6 +299,9 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             }
         });
         let grouped = declared && answer.len() > 1;
+        let own = answer.iter().position(|i| *i == place);
+        let separated = own.and_then(|own| apart.get(own).cloned());
+        let separated = separated.unwrap_or_default();
         let names = || {
             answer
                 .iter()
@@ -318,11 +324,8 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
             share_of_best_gain: evidence
                 .map(|e| (-e.delta_bic / best_gain).clamp(0.0, 1.0))
                 .filter(|s| s.is_finite()),
-            would_separate: if grouped {
-                trial.declaration.needs.separating_event.to_owned()
-            } else {
-                String::new()
-            },
+            would_separate: separated.words,
+            separating_events: separated.events,
             group,
             parameters: fit
                 .as_ref()
@@ -404,28 +407,62 @@ fn largest(parameter: &Parameter) -> f64 {
     }
 }
 
+/// The effects of which less would have shown than is worth reporting, and what would show them.
+fn silent(case: &Case<'_>, round: &Round) -> Vec<Untestable> {
+    let all = round.trials.iter();
+    let (silent, amplitudes): (Vec<Untestable>, Vec<Silent<'_>>) =
+        all.filter_map(|trial| untestable(round, trial)).unzip();
+    let base = &round.base().baseline;
+    let needed = DETECTABLE_ERRORS.powi(2) * round.base().chi_square().max(1.0);
+    let events = if amplitudes.is_empty() {
+        Vec::new()
+    } else {
+        ordinary(case)
+    };
+    let scatter = &case.options.composed.scatter;
+    let fitted = (&base.structure, &base.all);
+    let shows = would_show(&events, fitted, &amplitudes, needed, scatter);
+    (silent.into_iter().zip(shows))
+        .map(|(silent, shows)| Untestable {
+            needs: format!("{shows}; in general {}", silent.needs),
+            ..silent
+        })
+        .collect()
+}
+
 /// The smallest amplitude that would have shown, where that is more than what would be worth
 /// reporting.
-fn untestable(round: &Round, trial: &Trial) -> Option<Untestable> {
-    let (parameter, meaningful) = first_amplitude(trial.declaration)?;
+fn untestable<'t>(round: &Round, trial: &'t Trial) -> Option<(Untestable, Silent<'t>)> {
+    let declaration = trial.declaration;
+    let (amplitude, meaningful) = first_amplitude(declaration)?;
     let misfit = round.base().chi_square().max(1.0).sqrt();
     let detectable = DETECTABLE_ERRORS * misfit * trial.score.amplitude_error;
     let found = trial.fit.as_ref().is_some_and(|fit| {
-        let (value, least) = amplitude(trial.declaration, fit);
+        let (value, least) = amplitude_of(declaration, fit);
         value > least && trial.delta_bic() < 0.0
     });
-    (detectable > meaningful && !found).then(|| Untestable {
+    if detectable <= meaningful || found {
+        return None;
+    }
+    let untestable = Untestable {
         effect: trial.name().to_owned(),
-        smallest_detectable_amplitude: if detectable < largest(parameter) {
+        smallest_detectable_amplitude: if detectable < largest(amplitude) {
             detectable
         } else {
             f64::INFINITY
         },
         meaningful_amplitude: meaningful,
-        amplitude: parameter.name.to_owned(),
-        unit: parameter.unit.to_owned(),
-        needs: trial.declaration.needs.separating_event.to_owned(),
-    })
+        amplitude: amplitude.name.to_owned(),
+        unit: amplitude.unit.to_owned(),
+        needs: declaration.needs.separating_event.to_owned(),
+    };
+    let silent = Silent {
+        declaration,
+        amplitude,
+        size: meaningful,
+        shown: detectable.min(largest(amplitude)),
+    };
+    Some((untestable, silent))
 }
 
 #[cfg(test)]

@@ -5,7 +5,10 @@ use crate::{
     load_model::effect::Kind,
 };
 
-use super::where_it_fails::{EventFailure, SegmentResidual};
+use super::{
+    separating::SeparatingEvent,
+    where_it_fails::{EventFailure, SegmentResidual},
+};
 
 /// The answer of a diagnosis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -110,8 +113,10 @@ pub struct Candidate {
     pub share_of_best_gain: Option<f64>,
     /// Effects, this one included, that these events do not separate from it.
     pub group: Vec<String>,
-    /// What would separate the group; empty when it is alone.
+    /// What would separate it from the first of the group, the first from the others; empty when it is alone.
     pub would_separate: String,
+    /// The ordinary disturbances that would, one for each other effect that one was found for.
+    pub separating_events: Vec<SeparatingEvent>,
     /// Its parameters after the refit.
     pub parameters: Vec<ParameterEstimate>,
     /// The refit as a whole, to be simulated again; none without one.

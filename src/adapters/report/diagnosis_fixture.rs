@@ -100,6 +100,7 @@ fn candidate(effect: &str, delta_bic: Option<f64>, declared: bool) -> Candidate 
             "self_disconnection".to_owned(),
         ],
         would_separate: "deeper dips, and one after which the load comes back late".to_owned(),
+        separating_events: Vec::new(),
         parameters: vec![ParameterEstimate {
             name: "share".to_owned(),
             meaning: "share of the load that drops out".to_owned(),

@@ -11,6 +11,7 @@ mod candidates;
 mod coordinates;
 mod counts;
 mod covariance;
+mod distance;
 mod extend;
 mod fit;
 mod frequency_levels;
@@ -32,6 +33,7 @@ mod tests;
 pub use baseline::{Baseline, baseline, has_no_motor};
 pub use coordinates::Coordinates;
 pub use counts::dips;
+pub use distance::{Foretold, Open, answer};
 pub use extend::{Ground, Screened};
 pub use fit::{
     ComposedFit, ComposedFitOptions, composition_deviations, fit, squares, with_own_composition,

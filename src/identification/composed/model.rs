@@ -27,17 +27,24 @@ pub struct ComposedLoad {
     pub parameters: Vec<f64>,
 }
 
+/// What a model answers to an event, as the instrument reports it.
+pub(super) fn curves(
+    model: &ComposedModel,
+    parameters: &[f64],
+    event: &PreparedEvent,
+) -> Result<Curves, SimulationError> {
+    let own = at_operating_point(model, parameters, event).0;
+    let response = model.simulate(&own, &[], &drive(event, &event.input, &event.chain))?;
+    let measured = reported(event, model, parameters, &response);
+    let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();
+    let mut curves = Curves { active, reactive };
+    curves.shift_to(event);
+    Ok(curves)
+}
+
 impl EventModel for ComposedLoad {
     fn curves(&self, event: &PreparedEvent) -> Result<Curves, SimulationError> {
-        let own = at_operating_point(&self.model, &self.parameters, event).0;
-        let response = self
-            .model
-            .simulate(&own, &[], &drive(event, &event.input, &event.chain))?;
-        let measured = reported(event, &self.model, &self.parameters, &response);
-        let (active, reactive) = measured.into_iter().map(|[p, q]| (p, q)).unzip();
-        let mut curves = Curves { active, reactive };
-        curves.shift_to(event);
-        Ok(curves)
+        curves(&self.model, &self.parameters, event)
     }
 
     fn without_value(&self, event: &PreparedEvent) -> Option<IdentificationError> {

@@ -93,10 +93,7 @@ impl<'a> EventRows<'a> {
 
     pub(super) fn with_accuracy(event: &'a PreparedEvent, accuracy: Accuracy) -> Self {
         let used: Vec<usize> = (0..event.len()).filter(|&k| event.used[k]).collect();
-        let both = |p: &[f64], q: &[f64]| -> Vec<f64> {
-            let active = used.iter().map(|&k| p[k]);
-            active.chain(used.iter().map(|&k| q[k])).collect()
-        };
+        let both = |p: &[f64], q: &[f64]| stacked(&used, p, q);
         let mut rows = Self {
             measured: DVector::from_vec(both(&event.active, &event.reactive)),
             deviations: both(&event.active_deviation, &event.reactive_deviation),
@@ -124,6 +121,16 @@ impl<'a> EventRows<'a> {
             grid: Some(&self.grid),
             ..drive(self.event, self.input, self.chain)
         }
+    }
+
+    /// Rows of P and Q at every sample.
+    pub(super) fn of_samples(&self, active: &[f64], reactive: &[f64]) -> DVector<f64> {
+        DVector::from_vec(stacked(&self.used, active, reactive))
+    }
+
+    /// What was measured.
+    pub(super) fn measured(&self) -> &DVector<f64> {
+        &self.measured
     }
 
     /// Number of rows.
@@ -345,6 +352,21 @@ impl<'a> EventRows<'a> {
         random: &[(usize, f64)],
         (model, parameters): (&ComposedModel, &[f64]),
     ) -> Option<EventCovariance> {
+        self.weighed(&self.random_columns((rows, wanted), random, (model, parameters))?)
+    }
+
+    /// The covariance of what varies along these columns and of the noise.
+    pub(super) fn weighed(&self, columns: &DMatrix<f64>) -> Option<EventCovariance> {
+        EventCovariance::new(&self.deviations, columns)
+    }
+
+    /// What varies from event to event, a column of its standard deviation for each: [`Self::covariance_of`].
+    pub(super) fn random_columns(
+        &self,
+        (rows, wanted): (&DMatrix<f64>, &[usize]),
+        random: &[(usize, f64)],
+        (model, parameters): (&ComposedModel, &[f64]),
+    ) -> Option<DMatrix<f64>> {
         let offsets = random.len() + 2;
         let mut columns = DMatrix::zeros(self.count(), offsets + self.elsewhere.len());
         for (column, (index, spread)) in random.iter().enumerate() {
@@ -363,7 +385,7 @@ impl<'a> EventRows<'a> {
                 columns.set_column(offsets + number, &moved);
             }
         }
-        EventCovariance::new(&self.deviations, &columns)
+        Some(columns)
     }
 
     /// How far the composition that the event most probably has is from that of the model, in the standard deviations
@@ -392,17 +414,19 @@ impl<'a> EventRows<'a> {
         let covariance = self.covariance(model, parameters, scatter).ok()??;
         let residual = self.residual(model, parameters).ok()?;
         let modelled = &self.measured - &residual + covariance.varying(&residual);
-        let channel = |rows: &[f64]| {
+        let [active, reactive] = self.by_channel(&modelled);
+        Some(Curves { active, reactive })
+    }
+
+    /// Rows as P and Q of every sample; not a number at samples that are not used.
+    pub(super) fn by_channel(&self, rows: &DVector<f64>) -> [Vec<f64>; 2] {
+        let (active, reactive) = rows.as_slice().split_at(self.used.len());
+        [active, reactive].map(|rows| {
             let mut values = vec![f64::NAN; self.event.len()];
             for (&k, row) in self.used.iter().zip(rows) {
                 values[k] = *row;
             }
             values
-        };
-        let (active, reactive) = modelled.as_slice().split_at(self.used.len());
-        Some(Curves {
-            active: channel(active),
-            reactive: channel(reactive),
         })
     }
 
@@ -521,6 +545,12 @@ pub(super) fn drive<'a>(
             event.q0_pu / event.p0_pu,
         )
     }
+}
+
+/// P, then Q, at these samples.
+fn stacked(used: &[usize], active: &[f64], reactive: &[f64]) -> Vec<f64> {
+    let active = used.iter().map(|&k| active[k]);
+    active.chain(used.iter().map(|&k| reactive[k])).collect()
 }
 
 /// The parameters that vary from event to event, with the standard deviation of each.

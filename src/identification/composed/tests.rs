@@ -21,6 +21,7 @@ use crate::{
 };
 use nalgebra::DVector;
 
+mod distances;
 mod thresholds;
 
 const RATE_FPS: f64 = 60.0;

@@ -11,8 +11,8 @@ use super::{
 use crate::{
     adapters::wire::DocumentError,
     diagnosis::{
-        Candidate, Diagnosis, DiagnosisCost, EffectWorth, EventSets, GeneralForm, StructureErrors,
-        Unexplained, UnexplainedTerm, Untestable, misfit_root_floor,
+        Candidate, Diagnosis, DiagnosisCost, EffectWorth, EventSets, GeneralForm, SeparatingEvent,
+        StructureErrors, Unexplained, UnexplainedTerm, Untestable, misfit_root_floor,
     },
     identification::FittedStructure,
     load_model::effect::Kind,
@@ -101,6 +101,31 @@ pub struct StructureErrorsV1 {
     pub untouched: Option<ErrorSummaryV1>,
 }
 
+/// Counterpart of [`SeparatingEvent`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeparatingEventV1 {
+    /// The effect that it tells from the candidate.
+    pub from: String,
+    /// The disturbance, in words.
+    pub disturbance: String,
+    /// By how much the weighted squares of the wrong effect would rise.
+    pub squares: f64,
+    /// What is enough for an answer.
+    pub needed: f64,
+    /// How many of them would be enough.
+    pub events: u32,
+    /// Where the two differ most: `P` or `Q`, ...
+    pub channel: String,
+    /// ... so long after `since`, s, ...
+    pub time_s: f64,
+    /// ... by so much of P0.
+    pub difference: f64,
+    /// What the time counts from, in words.
+    pub since: String,
+    /// Where one of the two can follow what the other foretells, whether that is the candidate.
+    pub follows: Option<bool>,
+}
+
 /// Counterpart of [`Candidate`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CandidateV1 {
@@ -124,8 +149,11 @@ pub struct CandidateV1 {
     pub share_of_best_gain: Option<f64>,
     /// Effects, this one included, that these events do not separate from it.
     pub group: Vec<String>,
-    /// What would separate the group; empty when it is alone.
+    /// What would separate it from the first of the group, the first from the others; empty when it is alone.
     pub would_separate: String,
+    /// The ordinary disturbances that would; absent in documents of earlier programs.
+    #[serde(default)]
+    pub separating_events: Vec<SeparatingEventV1>,
     /// Its parameters after the refit, by name.
     #[serde(with = "ordered")]
     pub parameters: Vec<(String, ParameterV1)>,
@@ -354,6 +382,23 @@ impl From<&EffectWorth> for EffectWorthV1 {
     }
 }
 
+impl From<&SeparatingEvent> for SeparatingEventV1 {
+    fn from(event: &SeparatingEvent) -> Self {
+        Self {
+            from: event.from.clone(),
+            disturbance: event.disturbance.clone(),
+            squares: event.squares,
+            needed: event.needed,
+            events: event.events,
+            channel: event.channel.name().to_owned(),
+            time_s: event.time_s,
+            difference: event.difference,
+            since: event.since.to_owned(),
+            follows: event.follows,
+        }
+    }
+}
+
 impl From<&Candidate> for CandidateV1 {
     fn from(candidate: &Candidate) -> Self {
         let parameters = candidate.parameters.iter();
@@ -368,6 +413,11 @@ impl From<&Candidate> for CandidateV1 {
             share_of_best_gain: candidate.share_of_best_gain,
             group: candidate.group.clone(),
             would_separate: candidate.would_separate.clone(),
+            separating_events: candidate
+                .separating_events
+                .iter()
+                .map(SeparatingEventV1::from)
+                .collect(),
             parameters: parameters.map(|p| (p.name.clone(), p.into())).collect(),
             model: candidate.model.as_ref().map(FittedStructureV1::from),
             declared: candidate.declared,

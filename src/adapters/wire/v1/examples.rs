@@ -4,7 +4,8 @@ use crate::{
     diagnosis::{
         self, Candidate, CrossCorrelation, Dependence, Diagnosis, DiagnosisCost, EffectWorth,
         EventFailure, EventSets, GeneralForm, Improvement, ImprovementStep, Quantity, Segment,
-        SegmentResidual, Status, StructureErrors, Unexplained, UnexplainedTerm, Untestable,
+        SegmentResidual, SeparatingEvent, Status, StructureErrors, Unexplained, UnexplainedTerm,
+        Untestable,
     },
     disturbance::{Closing, Screening, ScreeningReason, Trigger, Window},
     identification::{
@@ -338,7 +339,8 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
             group: ["stator_resistance", "feeder_impedance"]
                 .map(str::to_owned)
                 .to_vec(),
-            would_separate: "an event that opens the feeder".to_owned(),
+            would_separate: separating().words("stator_resistance"),
+            separating_events: vec![separating()],
             parameters: vec![estimate("stator_resistance.r_s", 0.02)],
             model: Some(fitted_structure("stator_resistance.r_s")),
             declared: true,
@@ -372,6 +374,21 @@ pub(in crate::adapters) fn diagnosis() -> Diagnosis {
             refits: 6,
             seconds: 2.5,
         },
+    }
+}
+
+fn separating() -> SeparatingEvent {
+    SeparatingEvent {
+        from: "feeder_impedance".to_owned(),
+        disturbance: "a dip to 60 % of the voltage for 0.1 s".to_owned(),
+        squares: 118.0,
+        needed: 66.0,
+        events: 1,
+        channel: diagnosis::Channel::Reactive,
+        time_s: 0.2,
+        difference: -0.012,
+        since: "its end",
+        follows: None,
     }
 }
 

@@ -12,7 +12,7 @@ use crate::{
 const DEPTHS: [f64; 3] = [0.85, 0.6, 0.75];
 
 /// Dips from one sample to the next.
-fn steep_dips(depths: [f64; 3]) -> [PreparedEvent; 3] {
+pub(super) fn steep_dips(depths: [f64; 3]) -> [PreparedEvent; 3] {
     depths.map(|depth| {
         let mut dip = window("dip", depth, 0.2);
         for (k, sample) in dip.record.samples.iter_mut().enumerate() {

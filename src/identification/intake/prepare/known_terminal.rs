@@ -25,6 +25,8 @@ pub struct KnownTerminal {
     pub active: Vec<f64>,
     /// Q over P0 at the samples of `input`.
     pub reactive: Vec<f64>,
+    /// Frequency deviation from its value before the event at the samples of `input`, relative to nominal.
+    pub frequency_deviation: Vec<f64>,
     /// Standard deviation of the samples of P over P0 and of Q over P0, positive.
     pub noise: [f64; 2],
     /// How well P0 and Q0 are known, relative to P0; 0 when exactly.
@@ -36,7 +38,11 @@ pub struct KnownTerminal {
 impl From<KnownTerminal> for PreparedEvent {
     /// Every sample may be used and has the noise of its channel; V0 = P0 = 1 pu.
     fn from(known: KnownTerminal) -> Self {
-        let KnownTerminal { input, .. } = known;
+        let KnownTerminal {
+            input,
+            frequency_deviation,
+            ..
+        } = known;
         let samples = input.sample_count();
         let phasor = |k: usize| {
             let at = k * input.points_per_sample;
@@ -45,7 +51,6 @@ impl From<KnownTerminal> for PreparedEvent {
         let voltage: Vec<f64> = (0..samples)
             .map(|k| phasor(k)[0].hypot(phasor(k)[1]))
             .collect();
-        let frequency_deviation = vec![0.0; samples];
         let chain = MeasurementChain::new(&ChainParts {
             input: &input,
             filter: PhasorFilter::None,
@@ -120,6 +125,7 @@ mod tests {
             q0_over_p0: 0.2,
             active: vec![1.0; 4],
             reactive: vec![0.2; 4],
+            frequency_deviation: vec![0.0, 0.0, -1e-3, -1e-3],
             noise: [1e-3, 2e-3],
             operating_point_deviation: 0.0,
             event_start: 2,
@@ -129,6 +135,7 @@ mod tests {
         assert!((event.lowest_voltage - 0.5).abs() < 1e-15);
         assert!((event.rate_fps - 50.0).abs() < 1e-9);
         assert!((event.reactive_deviation[3] - 2e-3).abs() < 1e-18);
+        assert!(event.chain.output_frequency_deviation()[2] < 0.0);
         assert!(event.near_edge[1] && event.near_edge[2] && event.edges.is_empty());
     }
 }
