@@ -268,17 +268,22 @@ impl Candidate {
     }
 }
 
+/// Places of the trials, those of the answer set first.
+fn in_order(round: &Round) -> impl Iterator<Item = usize> {
+    let answer = &round.decision.answer;
+    let others = (0..round.trials.len()).filter(|i| !answer.contains(i));
+    answer.iter().copied().chain(others)
+}
+
 fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
     let answer = &round.decision.answer;
-    let mut order: Vec<usize> = answer.clone();
-    order.extend((0..round.trials.len()).filter(|i| !answer.contains(i)));
     let best_gain = round
         .trials
         .iter()
         .map(|t| -t.delta_bic())
         .filter(|g| g.is_finite())
         .fold(0.0, f64::max);
-    let listed = order.into_iter().map(|i| (i, &round.trials[i]));
+    let listed = in_order(round).map(|i| (i, &round.trials[i]));
     let named: Vec<&Trial> = answer.iter().map(|&i| &round.trials[i]).collect();
     let apart = separated(case, &named);
     let candidate = |(place, trial): (usize, &Trial)| {

@@ -96,6 +96,8 @@ impl SeparatingEvent {
             "more"
         };
         let size = 100.0 * self.difference.abs();
+        let side = if *time_s < 0.0 { "before" } else { "after" };
+        let time_s = time_s.abs();
         let often = match events {
             0 | 1 => String::new(),
             events => format!(" ({events} such events)"),
@@ -108,7 +110,7 @@ impl SeparatingEvent {
             }
         };
         format!(
-            "{disturbance}{often}: {time_s:.1} s after {since} {channel} would be {size:.1} % of P0 {way} with {effect} than with {from}{only}"
+            "{disturbance}{often}: {time_s:.1} s {side} {since} {channel} would be {size:.1} % of P0 {way} with {effect} than with {from}{only}"
         )
     }
 }

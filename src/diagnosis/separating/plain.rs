@@ -286,8 +286,8 @@ mod tests {
         assert_eq!(low, 10);
         assert!((event.lowest_voltage - 0.7).abs() < 1e-12);
         assert!((plain.over_s() - 1.7).abs() < 1e-12);
-        let at = |time_s: f64| event.voltage[(time_s * 50.0) as usize];
-        assert!(at(1.65) < 0.71 && at(1.72) > 0.99 && at(1.3) > 0.99);
+        let at = |sample: usize| event.voltage[sample];
+        assert!(at(82) < 0.71 && at(86) > 0.99 && at(65) > 0.99);
         // Four jumps, two cycles on both sides of each.
         assert_eq!(event.input.jumps.iter().filter(|j| **j).count(), 4);
         let used = |k: usize| event.used[k];

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// What is said where none of the ordinary disturbances does.
-const NONE: &str = "none of twenty ordinary disturbances would show it";
+const NONE: &str = "none of twenty ordinary disturbances would by itself show more of it";
 
 /// An effect, and the amplitudes that would have to show.
 #[derive(Clone, Copy)]
