@@ -9,8 +9,8 @@
 //!
 //! is by how much the weighted squares of all events would rise by it at least, were the model fitted to it as well: as
 //! far as the model is linear between the two fits. It is not in an effect's shapes, such as a delay that the events leave
-//! open, so that (1) is taken from each of them as far to either side as its events are followed as well, too, and the
-//! least of it counts. A threshold acts or does not: it has no column in `J`, which at a dip near it would let a relay take
+//! open, so that (1) is taken from each of them as far to either side as its events are followed as well, too, from
+//! narrower bands of voltages where the effect has one, and the least of it counts. A threshold acts or does not: it has no column in `J`, which at a dip near it would let a relay take
 //! off as much as one likes.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -30,6 +30,8 @@ use crate::{
 const END: f64 = 1.732;
 /// Shares of the way there that are tried, the farthest first.
 const WAYS: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
+/// Steps between the places of a narrower band.
+const PLACES: u32 = 4;
 /// Events are followed as well where what is left of them rises by no more than two standard errors ...
 const RISE: f64 = 4.0;
 /// ... or by this share of it, if that is more: residuals last.
@@ -86,11 +88,39 @@ impl Open {
                 }
             }
         }
+        elsewhere.extend(narrower(fit, effect).into_iter().filter(followed));
         Self {
             threshold,
             elsewhere,
         }
     }
+}
+
+/// The fit's parameters with a narrower band of voltages in which an effect acts in part, at places within the one fitted:
+/// what acts in a band can act like a switch, where the events do not say otherwise.
+fn narrower(fit: &ComposedFit, effect: &str) -> Vec<Vec<f64>> {
+    let band = || {
+        let found = effects::find(effect)?;
+        let index = |name: &str| fit.model.index(&format!("{effect}.{name}"));
+        Some([index(found.threshold()?)?, index(found.span()?)?])
+    };
+    let Some([threshold, span]) = band() else {
+        return Vec::new();
+    };
+    let [first, width] = [threshold, span].map(|index| fit.parameters[index]);
+    let least = fit.model.parameters()[span].declaration.lower;
+    let mut all = Vec::new();
+    for narrow in [0.5 * width, 0.25 * width, least] {
+        let narrow = narrow.max(least);
+        for place in 0..=PLACES {
+            let mut parameters = fit.parameters.clone();
+            let share = f64::from(place) / f64::from(PLACES);
+            parameters[threshold] = first - share * (width - narrow).max(0.0);
+            parameters[span] = narrow;
+            all.push(parameters);
+        }
+    }
+    all
 }
 
 /// What a fit foretells of an event.
