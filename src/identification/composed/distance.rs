@@ -201,6 +201,9 @@ pub fn answer(event: &PreparedEvent, model: &ComposedModel, parameters: &[f64]) 
 
 /// Columns `B` with `B B' = C`, the covariance `C` taken by its correlations, so that units do not matter.
 fn open_directions(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if covariance.iter().any(|x| !x.is_finite()) {
+        return None;
+    }
     let deviations = covariance
         .diagonal()
         .map(|variance| variance.max(0.0).sqrt());
@@ -214,9 +217,6 @@ fn open_directions(covariance: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     };
     let size = covariance.nrows();
     let correlations = DMatrix::from_fn(size, size, scaled);
-    if correlations.iter().any(|x| !x.is_finite()) {
-        return None;
-    }
     let SymmetricEigen {
         eigenvectors: mut columns,
         eigenvalues,
