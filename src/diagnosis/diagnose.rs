@@ -14,7 +14,7 @@ use super::{
         StructureErrors, Unexplained, Untestable,
     },
     round::{Decision, Round, round},
-    separating::{Silent, ordinary, separated, would_show},
+    separating::{Plain, Silent, ordinary, separated, would_show},
     trials::{Trial, amplitude as amplitude_of},
     unexplained,
     where_it_fails::{failure, pooled},
@@ -22,7 +22,9 @@ use super::{
 };
 use crate::{
     disturbance::Window,
-    identification::{FittedStructure, IdentificationError, composed_parameters},
+    identification::{
+        FittedStructure, IdentificationError, composed_parameters, intake::PreparedEvent,
+    },
     load_model::{
         Structure,
         effect::{Declaration, Parameter, Role},
@@ -158,7 +160,8 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         .iter()
         .map(|(event, curves)| failure(event, curves))
         .collect();
-    let candidates = candidates(case, round);
+    let ordinary = ordinary(case);
+    let candidates = candidates(case, round, &ordinary);
     let answer_set: Vec<String> = round
         .decision
         .answer
@@ -193,7 +196,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         effects: Vec::new(),
         candidates,
         answer_set,
-        untestable: silent(case, round)
+        untestable: silent(case, round, &ordinary)
             .into_iter()
             .chain(too_slow(case, structure))
             .chain(without_value(case, round))
@@ -275,7 +278,11 @@ fn in_order(round: &Round) -> impl Iterator<Item = usize> {
     answer.iter().copied().chain(others)
 }
 
-fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
+fn candidates(
+    case: &Case<'_>,
+    round: &Round,
+    ordinary: &[(Plain, PreparedEvent)],
+) -> Vec<Candidate> {
     let answer = &round.decision.answer;
     let best_gain = round
         .trials
@@ -285,7 +292,7 @@ fn candidates(case: &Case<'_>, round: &Round) -> Vec<Candidate> {
         .fold(0.0, f64::max);
     let listed = in_order(round).map(|i| (i, &round.trials[i]));
     let named: Vec<&Trial> = answer.iter().map(|&i| &round.trials[i]).collect();
-    let apart = separated(case, &named);
+    let apart = separated(case, ordinary, &named);
     let candidate = |(place, trial): (usize, &Trial)| {
         let evidence = trial.evidence.as_ref();
         let gate = evidence.and_then(|e| e.gate);
@@ -413,20 +420,15 @@ fn largest(parameter: &Parameter) -> f64 {
 }
 
 /// The effects of which less would have shown than is worth reporting, and what would show them.
-fn silent(case: &Case<'_>, round: &Round) -> Vec<Untestable> {
+fn silent(case: &Case<'_>, round: &Round, ordinary: &[(Plain, PreparedEvent)]) -> Vec<Untestable> {
     let all = round.trials.iter();
     let (silent, amplitudes): (Vec<Untestable>, Vec<Silent<'_>>) =
         all.filter_map(|trial| untestable(round, trial)).unzip();
     let base = &round.base().baseline;
     let needed = DETECTABLE_ERRORS.powi(2) * round.base().chi_square().max(1.0);
-    let events = if amplitudes.is_empty() {
-        Vec::new()
-    } else {
-        ordinary(case)
-    };
     let scatter = &case.options.composed.scatter;
     let fitted = (&base.structure, &base.all);
-    let shows = would_show(&events, fitted, &amplitudes, needed, scatter);
+    let shows = would_show(ordinary, fitted, &amplitudes, needed, scatter);
     (silent.into_iter().zip(shows))
         .map(|(silent, shows)| Untestable {
             needs: format!("{shows}; in general {}", silent.needs),

@@ -7,18 +7,15 @@ use super::{
 };
 use crate::identification::{
     IdentificationError,
-    composed::{self, ComposedFit, ComposedFitOptions},
+    composed::{self, ComposedFit, ComposedFitOptions, RISE_OF_LEFT},
     intake::PreparedEvent,
 };
 
 /// Of the events that an effect is asked to foretell at most this share may be left out.
 const OPEN_SHARE: f64 = 0.25;
 
-/// Events leave settings of relays open that raise what is left of them by no more than two standard errors ...
-const RISE: f64 = 4.0;
-/// ... or by this share of it, if that is more: residuals last.
-const RISE_OF_LEFT: f64 = 0.003;
-/// The same of delays of a relay whose voltage they leave open: with it, how long a dip has to last is open, too.
+/// As [`RISE_OF_LEFT`], of delays of a relay whose voltage the events leave open: with it, how long a dip has to last is
+/// open, too.
 const RISE_OF_DELAYS: f64 = 0.03;
 
 /// The events that are `open`, where they are few of those foretold: an effect that foretells many of them badly only
@@ -35,7 +32,7 @@ fn few(mut open: Vec<bool>, foretold: &[Option<f64>]) -> Vec<bool> {
 /// Whether a fit leaves at most two standard errors or this share more of its events than another one of the same.
 fn as_near(fit: &ComposedFit, other: &ComposedFit, share: f64) -> bool {
     let [left, least] = [fit, other].map(|fit| fit.squares.iter().sum::<f64>());
-    left <= least + RISE.max(share * least)
+    composed::follows_as_well(left, least, share)
 }
 
 impl Case<'_> {

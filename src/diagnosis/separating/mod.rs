@@ -13,7 +13,8 @@ mod would_show;
 
 pub(super) use would_show::{Silent, would_show};
 
-use plain::{ALL, Plain, Seen};
+pub(super) use plain::Plain;
+use plain::{ALL, Seen};
 
 use super::{case::Case, claim::told_apart, trials::Trial, where_it_fails::Channel};
 use crate::{
@@ -24,12 +25,15 @@ use crate::{
         median_operating_point,
     },
     load_model::effects,
+    numerics::statistics,
 };
 
 /// A band of voltages wider than this has a middle that a dip can reach, pu.
 const SPAN_MIN_PU: f64 = 0.01;
 /// A disturbance of which more would be needed tells nothing.
 const EVENTS_MAX: f64 = 5.0;
+/// Disturbances are simulated at no more than that: more samples of the same noise would cost more than they tell.
+const RATE_MAX_FPS: f64 = 240.0;
 /// What is said where none of [`ALL`] does.
 const NONE: &str = "none of twenty ordinary disturbances would (dips to 40 % of the voltage for 0.3 s, two dips in a row, lasting steps \
                     of 5 %, 1 Hz below nominal): as far as these events determine them, both foretell the same";
@@ -123,9 +127,13 @@ pub(super) struct Separated {
     pub(super) events: Vec<SeparatingEvent>,
 }
 
-/// For each effect of an answer set, what would tell it from the first; for the first what would tell it from each of the
-/// others. Nothing where there is no other.
-pub(super) fn separated(case: &Case<'_>, answer: &[&Trial]) -> Vec<Separated> {
+/// For each effect of an answer set, which of the [`ordinary`] disturbances would tell it from the first, or a dip into its
+/// own band of voltages; for the first what would tell it from each of the others. Nothing where there is no other.
+pub(super) fn separated(
+    case: &Case<'_>,
+    ordinary: &[(Plain, PreparedEvent)],
+    answer: &[&Trial],
+) -> Vec<Separated> {
     if answer.len() < 2 {
         return Vec::new();
     }
@@ -139,9 +147,9 @@ pub(super) fn separated(case: &Case<'_>, answer: &[&Trial]) -> Vec<Separated> {
     let Some([first, others @ ..]) = rivals.as_deref() else {
         return Vec::new();
     };
-    let events = disturbances(case, rivals.iter().flatten());
+    let own = disturbances_of(case, halfway(case, rivals.iter().flatten()));
     let found: Vec<Option<SeparatingEvent>> = (others.iter())
-        .map(|other| most_telling(case, &events, [first, other]))
+        .map(|other| most_telling(case, ordinary.iter().chain(&own), [first, other]))
         .collect();
     let of_first = (others.iter().zip(&found))
         .map(|(other, found)| in_words(found.as_ref(), first.name, other.name));
@@ -170,15 +178,14 @@ fn in_words(found: Option<&SeparatingEvent>, effect: &str, other: &str) -> Strin
 fn seen(case: &Case<'_>) -> Seen {
     let at = median_operating_point(&case.judged);
     let median = |value: &dyn Fn(&PreparedEvent) -> f64| {
-        let mut values: Vec<f64> = case.judged.iter().map(value).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).map_or(f64::NAN, |v| *v)
+        let values: Vec<f64> = case.judged.iter().map(value).collect();
+        statistics::median(&values).unwrap_or(f64::NAN)
     };
     Seen {
         v0_pu: at.v0_pu,
         p0_pu: at.p0_pu,
         q0_pu: at.q0_pu,
-        rate_fps: median(&|event| event.rate_fps),
+        rate_fps: median(&|event| event.rate_fps).min(RATE_MAX_FPS),
         nominal_hz: case.site.nominal_hz,
         noise: [
             median(&|event| middle(&event.active_deviation, &event.used)),
@@ -190,20 +197,19 @@ fn seen(case: &Case<'_>) -> Seen {
 
 /// Median of the used samples.
 fn middle(deviations: &[f64], used: &[bool]) -> f64 {
-    let mut values: Vec<f64> = (deviations.iter().zip(used))
+    let values: Vec<f64> = (deviations.iter().zip(used))
         .filter_map(|(deviation, used)| used.then_some(*deviation))
         .collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).map_or(f64::NAN, |v| *v)
+    statistics::median(&values).unwrap_or(f64::NAN)
 }
 
-/// The ordinary disturbances, and dips into the middle of the bands in which effects act in part.
-fn disturbances<'r>(
+/// Dips into the middle of the bands in which effects act in part.
+fn halfway<'r>(
     case: &Case<'_>,
     rivals: impl Iterator<Item = &'r Rival<'r>>,
-) -> Vec<(Plain, PreparedEvent)> {
+) -> impl Iterator<Item = Plain> {
     let v0_pu = median_operating_point(&case.judged).v0_pu;
-    let halfway = rivals.filter_map(|rival| {
+    let middles = rivals.filter_map(move |rival| {
         let effect = effects::find(rival.name)?;
         let value = |name: &str| {
             let index = rival.fit.model.index(&format!("{}.{name}", rival.name))?;
@@ -212,7 +218,7 @@ fn disturbances<'r>(
         let (threshold, span) = (value(effect.threshold()?)?, value(effect.span()?)?);
         (span > SPAN_MIN_PU).then_some((threshold - 0.5 * span) / v0_pu)
     });
-    disturbances_of(case, ALL.into_iter().chain(halfway.flat_map(Plain::dips)))
+    middles.flat_map(Plain::dips)
 }
 
 /// The disturbances that are tried, and what the site would see of them.
@@ -231,9 +237,9 @@ fn disturbances_of(
 
 /// The first disturbance that tells two effects apart, either way before one way; the one of which the fewest would where
 /// none does alone. `None` where even those are many.
-fn most_telling(
+fn most_telling<'e>(
     case: &Case<'_>,
-    events: &[(Plain, PreparedEvent)],
+    events: impl Iterator<Item = &'e (Plain, PreparedEvent)>,
     pair: [&Rival<'_>; 2],
 ) -> Option<SeparatingEvent> {
     let mut best: Option<(f64, Apart<'_>)> = None;

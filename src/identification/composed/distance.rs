@@ -9,15 +9,15 @@
 //!
 //! is by how much the weighted squares of all events would rise by it at least, were the model fitted to it as well: as
 //! far as the model is linear between the two fits. It is not in an effect's shapes, such as a delay that the events leave
-//! open, so that (1) is taken from each of them as far to either side as its events are followed as well, too, from
-//! narrower bands of voltages where the effect has one, and the least of it counts. A threshold acts or does not: it has no column in `J`, which at a dip near it would let a relay take
+//! open, so that (1) is taken from each of them as far to either side as its events are followed as well, too, and the
+//! least of it counts. A threshold acts or does not: it has no column in `J`, which at a dip near it would let a relay take
 //! off as much as one likes.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::{
     covariance::EventCovariance,
-    fit::{ComposedFit, squares},
+    fit::{ComposedFit, RISE_OF_LEFT, follows_as_well, squares},
     model::curves,
     rows::{EventRows, Scatter, random_effects},
 };
@@ -30,12 +30,6 @@ use crate::{
 const END: f64 = 1.732;
 /// Shares of the way there that are tried, the farthest first.
 const WAYS: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
-/// Steps between the places of a narrower band.
-const PLACES: u32 = 4;
-/// Events are followed as well where what is left of them rises by no more than two standard errors ...
-const RISE: f64 = 4.0;
-/// ... or by this share of it, if that is more: residuals last.
-const RISE_OF_LEFT: f64 = 0.003;
 
 /// What events leave open of the shapes of one part of a fit to them.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -57,10 +51,9 @@ impl Open {
     ) -> Self {
         let threshold = threshold(fit, effect);
         let left: f64 = fit.squares.iter().sum();
-        let most = left + RISE.max(RISE_OF_LEFT * left);
         let followed = |parameters: &Vec<f64>| {
             let squares = squares(events, &fit.model, parameters, scatter);
-            squares.is_some_and(|squares| squares.iter().sum::<f64>() <= most)
+            squares.is_some_and(|own| follows_as_well(own.iter().sum(), left, RISE_OF_LEFT))
         };
         let mut elsewhere = Vec::new();
         for (place, &index) in fit.free.iter().enumerate() {
@@ -88,39 +81,11 @@ impl Open {
                 }
             }
         }
-        elsewhere.extend(narrower(fit, effect).into_iter().filter(followed));
         Self {
             threshold,
             elsewhere,
         }
     }
-}
-
-/// The fit's parameters with a narrower band of voltages in which an effect acts in part, at places within the one fitted:
-/// what acts in a band can act like a switch, where the events do not say otherwise.
-fn narrower(fit: &ComposedFit, effect: &str) -> Vec<Vec<f64>> {
-    let band = || {
-        let found = effects::find(effect)?;
-        let index = |name: &str| fit.model.index(&format!("{effect}.{name}"));
-        Some([index(found.threshold()?)?, index(found.span()?)?])
-    };
-    let Some([threshold, span]) = band() else {
-        return Vec::new();
-    };
-    let [first, width] = [threshold, span].map(|index| fit.parameters[index]);
-    let least = fit.model.parameters()[span].declaration.lower;
-    let mut all = Vec::new();
-    for narrow in [0.5 * width, 0.25 * width, least] {
-        let narrow = narrow.max(least);
-        for place in 0..=PLACES {
-            let mut parameters = fit.parameters.clone();
-            let share = f64::from(place) / f64::from(PLACES);
-            parameters[threshold] = first - share * (width - narrow).max(0.0);
-            parameters[span] = narrow;
-            all.push(parameters);
-        }
-    }
-    all
 }
 
 /// What a fit foretells of an event.
@@ -146,31 +111,23 @@ impl<'a> Foretold<'a> {
     ) -> Option<Self> {
         let rows = EventRows::new(event);
         let (model, at) = (&fit.model, &fit.parameters);
-        let expanded = rows.expanded(model, at, &fit.free).ok()?;
+        let random = random_effects(model, at, scatter);
+        // What varies may be fixed.
+        let fixed = (random.iter().map(|(index, _)| *index)).filter(|i| !fit.free.contains(i));
+        let wanted: Vec<usize> = fit.free.iter().copied().chain(fixed).collect();
+        let expanded = rows.expanded(model, at, &wanted).ok()?;
         let mut directions = open_directions(fit.covariance.as_ref()?)?;
         if let Some(place) = open.threshold {
             directions.row_mut(place).fill(0.0);
         }
-        let derivatives = expanded.columns(0, fit.free.len());
-        let random = random_effects(model, at, scatter);
-        // What varies may be fixed.
-        let (index, wanted): (Vec<usize>, Vec<usize>) = (random.iter().map(|(index, _)| *index))
-            .filter(|index| !fit.free.contains(index))
-            .enumerate()
-            .unzip();
-        let further = rows.added(model, at, &wanted, None).ok()?;
-        let known = fit.free.len();
-        let mut all = expanded.clone().insert_columns(known, index.len(), 0.0);
-        all.columns_mut(known, index.len()).copy_from(&further);
-        let names: Vec<usize> = fit.free.iter().chain(&wanted).copied().collect();
-        let own = rows.random_columns((&all, &names), &random, (model, at))?;
+        let own = rows.random_columns((&expanded, &wanted), &random, (model, at))?;
         let varying = own.ncols();
         let mut columns = own.resize_horizontally(varying + directions.ncols(), 0.0);
         columns
             .columns_mut(varying, directions.ncols())
-            .copy_from(&(derivatives * directions));
+            .copy_from(&(expanded.columns(0, fit.free.len()) * directions));
         Some(Self {
-            residual: expanded.column(known).into_owned(),
+            residual: expanded.column(wanted.len()).into_owned(),
             covariance: rows.weighed(&columns)?,
             fit,
             open,

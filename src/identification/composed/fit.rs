@@ -530,6 +530,17 @@ pub fn composition_deviations(
     events.iter().map(of).collect()
 }
 
+/// Events are followed as well where what is left of them rises by no more than two standard errors ...
+const RISE: f64 = 4.0;
+/// ... or by this share of it, if that is more: residuals last.
+pub const RISE_OF_LEFT: f64 = 0.003;
+
+/// Whether what is left of events is as little as the `least`, but for two standard errors or this share of it.
+#[must_use]
+pub fn follows_as_well(left: f64, least: f64, share: f64) -> bool {
+    left <= least + RISE.max(share * least)
+}
+
 /// `r' Sigma^-1 r` of every event under given parameters, what varies from event to event
 /// marginalised: the misfit of events that were not fitted. `None` when one cannot be simulated.
 #[must_use]

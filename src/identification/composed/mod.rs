@@ -36,7 +36,8 @@ pub use counts::dips;
 pub use distance::{Foretold, Open, answer};
 pub use extend::{Ground, Screened};
 pub use fit::{
-    ComposedFit, ComposedFitOptions, composition_deviations, fit, squares, with_own_composition,
+    ComposedFit, ComposedFitOptions, RISE_OF_LEFT, composition_deviations, fit, follows_as_well,
+    squares, with_own_composition,
 };
 pub use model::ComposedLoad;
 pub use narrowed::narrowed;

@@ -414,19 +414,17 @@ impl<'a> EventRows<'a> {
         let covariance = self.covariance(model, parameters, scatter).ok()??;
         let residual = self.residual(model, parameters).ok()?;
         let modelled = &self.measured - &residual + covariance.varying(&residual);
-        let [active, reactive] = self.by_channel(&modelled);
-        Some(Curves { active, reactive })
-    }
-
-    /// Rows as P and Q of every sample; not a number at samples that are not used.
-    pub(super) fn by_channel(&self, rows: &DVector<f64>) -> [Vec<f64>; 2] {
-        let (active, reactive) = rows.as_slice().split_at(self.used.len());
-        [active, reactive].map(|rows| {
+        let channel = |rows: &[f64]| {
             let mut values = vec![f64::NAN; self.event.len()];
             for (&k, row) in self.used.iter().zip(rows) {
                 values[k] = *row;
             }
             values
+        };
+        let (active, reactive) = modelled.as_slice().split_at(self.used.len());
+        Some(Curves {
+            active: channel(active),
+            reactive: channel(reactive),
         })
     }
 
