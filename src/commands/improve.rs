@@ -21,11 +21,11 @@ pub struct ImproveArgs {
     #[command(flatten)]
     #[allow(missing_docs, reason = "the flattened options bring their own help")]
     pub common: DiagnosisArgs,
-    /// Adds this effect and no other; may be given several times.
-    #[arg(long = "add", value_name = "EFFECT")]
+    /// Adds these effects, separated by commas, and no other; may be given several times.
+    #[arg(long = "add", value_name = "EFFECT,...", value_delimiter = ',')]
     pub add: Vec<String>,
-    /// Removes this effect from the structure first; may be given several times.
-    #[arg(long = "remove", value_name = "EFFECT")]
+    /// Removes these effects, separated by commas, from the structure first; may be given several times.
+    #[arg(long = "remove", value_name = "EFFECT,...", value_delimiter = ',')]
     pub remove: Vec<String>,
 }
 
@@ -265,6 +265,8 @@ mod tests {
             remove: Vec::new(),
         };
         assert_eq!(by_hand, expected);
+        let separated = asked(&["--add", "saturation,second_motor"]).unwrap();
+        assert_eq!(separated, expected);
         let error = asked(&["--remove", "saturation"]).unwrap_err().to_string();
         assert!(
             error.contains("`saturation` cannot be removed: the structure is zip"),
