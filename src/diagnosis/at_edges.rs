@@ -102,7 +102,7 @@ impl Case<'_> {
                     gating: event.id.clone(),
                     untouched: instead,
                     reason: format!(
-                        "at {:.3} pu, where the other events leave open whether {} acts",
+                        "lies at {:.3} pu, where the other events leave open whether {} acts",
                         lowest_pu(event),
                         relay.effect
                     ),
@@ -121,7 +121,7 @@ impl Case<'_> {
     /// The gating event that may stay untouched in place of another: of those of its kind ([`by_kind`]) that are no
     /// neighbours of it in depth, so that it is no more open what happens there, the one whose own neighbours are nearest.
     /// None that was itself exchanged, nor one of those `taken`.
-    fn instead_of(&self, event: &PreparedEvent, taken: &[&str]) -> Option<String> {
+    pub(super) fn instead_of(&self, event: &PreparedEvent, taken: &[&str]) -> Option<String> {
         let all: Vec<&PreparedEvent> = self.judged.iter().chain([event]).collect();
         let own = all.len() - 1;
         let shares: Vec<(&str, f64)> = (all.iter())

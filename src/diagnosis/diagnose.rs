@@ -91,6 +91,7 @@ fn of_the_load(asked: &Asked<'_>) -> Result<Diagnosis, IdentificationError> {
             return Ok(with_worth(&case, &round)?);
         }
         let round = round(case, base)?;
+        case.none_contradicts(&round)?;
         Ok(with_worth(case, &round)?)
     })
 }

@@ -35,7 +35,7 @@ impl Exchange {
             untouched,
             reason,
         } = self;
-        format!("{gating} lies {reason}: it decides, and {untouched} stays untouched in its place")
+        format!("{gating} {reason}: it decides, and {untouched} stays untouched in its place")
     }
 }
 

@@ -202,6 +202,7 @@ impl<'a> Stairs<'a> {
             return Ok((found, Some(with_it), round.decision.second));
         }
         let round = round(self.case, self.at.clone())?;
+        self.case.none_contradicts(&round)?;
         let asked = &round.asked.baseline;
         if asked.all.minus_twice_log_posterior() < self.at.all.minus_twice_log_posterior() {
             self.at = asked.clone();

@@ -1,5 +1,5 @@
-//! Sets of events that change when a diagnosis finds that they do not serve: an untouched event at the edge of a relay, and
-//! one that nothing explains.
+//! Sets of events that change when a diagnosis finds that they do not serve: an untouched event at the edge of a relay, one
+//! that a model called adequate does not follow, and one that nothing explains.
 
 use super::{
     SyntheticSite, options, plain, quoted_errors, windows, with_by_hand, write_a_weight_on_a_spring,
@@ -70,6 +70,40 @@ fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
     }
     let errors = quoted_errors(&found);
     assert!(errors[1] < 0.5 * errors[0], "{errors:?}");
+}
+
+#[test]
+fn an_untouched_event_that_contradicts_an_adequate_model_decides_and_another_is_quoted() {
+    let none_hidden = StudyShape {
+        effects: Vec::new(),
+        ..shape(Effect::SelfDisconnection, 10, 1e-3)
+    };
+    let made = study_site(11, 1, &none_hidden).unwrap();
+    let (site, options) = (&made.options.site, options());
+    let diagnosed = |windows: &[Window]| {
+        diagnose(site, windows, &plain(), &options, &|_| (), &|| false).unwrap()
+    };
+    let mut windows = windows(&made);
+    let before = diagnosed(&windows);
+    let told = (&before.summary, &before.events, &before.reasons);
+    assert_eq!(before.status, Status::Adequate, "{told:?}");
+    let other = before.events.untouched.first().unwrap();
+    // It swings as none of the others.
+    write_a_weight_on_a_spring(
+        windows
+            .iter_mut()
+            .find(|window| window.id == *other)
+            .unwrap(),
+    );
+    let after = diagnosed(&windows);
+    let told = (&after.summary, &after.events, &after.reasons);
+    assert!(!after.events.untouched.contains(other), "{told:?}");
+    let instead = after.events.untouched.iter();
+    let instead = instead.filter(|event| before.events.gate.contains(event));
+    assert_eq!(instead.count(), 1, "{told:?}");
+    let begins = format!("{other} is not followed by the model that follows the others");
+    let says = |reason: &String| reason.starts_with(&begins);
+    assert!(after.reasons.iter().any(says), "{told:?}");
 }
 
 #[test]
