@@ -333,8 +333,11 @@ fn terminal_voltage(
     let found = jumps::find(series, &log, &steep, noise, options.filter);
     let mut measured = found.measured;
     let (jumps, edges): (Vec<Jump>, Vec<Edge>) = found.jumps.into_iter().unzip();
-    for jump in &jumps {
-        steep[jump.anchor] = true;
+    for (jump, edge) in jumps.iter().zip(&edges) {
+        // A small one, of which no step is as steep as those of an edge.
+        if !steep[jump.anchor] {
+            steep[edge.left..edge.right].fill(true);
+        }
     }
     stiffness::estimate(&mut measured, &jumps);
     let whole = (0, series.len() - 1);
