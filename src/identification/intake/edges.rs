@@ -32,9 +32,28 @@ pub struct Edge {
 /// For each step between neighbouring samples, whether it belongs to an edge, which the instrument spreads over
 /// `spread` samples more than those of the standard.
 pub(super) fn steps_at_edges(series: &Series, spread: usize) -> Vec<bool> {
-    let surroundings = SURROUNDINGS + spread;
-    let steps = log_phasor_steps(series);
     let threshold = (EDGE_SIGMAS * input_noise(series)).max(EDGE_LEAST);
+    (standing_out(series, SURROUNDINGS + spread).into_iter())
+        .map(|size| size > threshold)
+        .collect()
+}
+
+/// A small jump stands out by this many noise deviations: of noise alone two steps in a thousand do ...
+const SMALL_SIGMAS: f64 = 5.0;
+/// ... and by this much of ln|V| + j angle.
+const SMALL_LEAST: f64 = 0.003;
+
+/// For each step between neighbouring samples, whether a jump may be behind it that is too small for an edge.
+pub(super) fn small_steps(series: &Series) -> Vec<bool> {
+    let threshold = (SMALL_SIGMAS * input_noise(series)).max(SMALL_LEAST);
+    (standing_out(series, SURROUNDINGS).into_iter())
+        .map(|size| size > threshold)
+        .collect()
+}
+
+/// For each step between neighbouring samples, how far it is from the ordinary motion around it.
+fn standing_out(series: &Series, surroundings: usize) -> Vec<f64> {
+    let steps = log_phasor_steps(series);
     let n = steps.len();
     (0..n)
         .map(|k| {
@@ -45,7 +64,7 @@ pub(super) fn steps_at_edges(series: &Series, spread: usize) -> Vec<bool> {
                 median(&around)
             };
             let [re, im] = steps[k];
-            (re - ordinary(0)).hypot(im - ordinary(1)) > threshold
+            (re - ordinary(0)).hypot(im - ordinary(1))
         })
         .collect()
 }

@@ -6,13 +6,14 @@
 
 use super::{
     super::phasor_filter::{FilterChoice, PhasorFilter},
-    edges::{Edge, MOTION_SHARE, distance, unfiltered_jumps},
+    edges::{Edge, MOTION_SHARE, distance, small_steps, unfiltered_jumps},
     longer_window::Seen,
     series::Series,
     voltage::{Jump, Log, Measured, Voltage},
 };
 
 mod instant;
+mod small;
 
 use instant::{bent, deviation, instant, within};
 
@@ -90,6 +91,7 @@ pub(super) fn find(
         (FilterChoice::Auto, Some(_)) => vec![PhasorFilter::None],
         (FilterChoice::Auto, None) => vec![PhasorFilter::PClass, PhasorFilter::OneCycle],
     };
+    let small = small_steps(series);
     let mut best: Option<(f64, Vec<Jump>, Vec<Located>, Measured)> = None;
     for filter in shapes {
         let problem = measured(filter);
@@ -98,7 +100,13 @@ pub(super) fn find(
         } else {
             candidates(&problem, steep)
         };
-        let (located, misfit, _) = located(&problem, &candidates);
+        let (mut located, mut misfit, _) = located(&problem, &candidates);
+        let (more, left) = small::located(&problem, steep, &small);
+        located.extend(more);
+        located.sort_by_key(|l| l.jump.anchor);
+        if candidates.is_empty() {
+            misfit = left;
+        }
         let convincing = |b: f64| misfit < (1.0 - CONVINCING_SHARE) * b - CONVINCING;
         if best.as_ref().is_none_or(|b| convincing(b.0)) {
             best = Some((misfit, candidates, located, problem));

@@ -325,7 +325,7 @@ fn spread(series: &Series, options: &IntakeOptions) -> usize {
 fn terminal_voltage(
     series: &Series,
     before: &operating_point::PreEvent,
-    steep: Vec<bool>,
+    mut steep: Vec<bool>,
     options: &IntakeOptions,
 ) -> Option<Terminal> {
     let noise = edges::input_noise(series).max(NOISE_LEAST);
@@ -333,6 +333,12 @@ fn terminal_voltage(
     let found = jumps::find(series, &log, &steep, noise, options.filter);
     let mut measured = found.measured;
     let (jumps, edges): (Vec<Jump>, Vec<Edge>) = found.jumps.into_iter().unzip();
+    for (jump, edge) in jumps.iter().zip(&edges) {
+        // A small one, of which no step is as steep as those of an edge.
+        if !steep[jump.anchor] {
+            steep[edge.left..edge.right].fill(true);
+        }
+    }
     stiffness::estimate(&mut measured, &jumps);
     let whole = (0, series.len() - 1);
     let voltage = Voltage::fit(&measured, whole, &jumps, None)?.with_variances(&measured)?;
