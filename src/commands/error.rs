@@ -109,10 +109,4 @@ impl Error {
     pub const fn is_usage(&self) -> bool {
         matches!(self, Self::Usage(_))
     }
-
-    /// Whether whoever reads our output has gone away, which is not our failure.
-    #[must_use]
-    pub fn is_broken_pipe(&self) -> bool {
-        matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
-    }
 }

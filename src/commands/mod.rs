@@ -19,6 +19,7 @@ pub mod identify;
 pub mod improve;
 pub mod inspect;
 pub mod misuse;
+mod output;
 pub mod profile;
 pub mod replay;
 pub mod run;
@@ -43,6 +44,7 @@ use tokio::{
 
 pub use error::Error;
 
+use self::output::Output;
 use crate::config::Config;
 
 /// Turns PMU and disturbance-recorder streams into proven load models.
@@ -179,15 +181,16 @@ pub fn main() -> ExitCode {
             return ExitCode::from(if error.use_stderr() { EXIT_USAGE } else { 0 });
         }
     };
+    let mut output = Output::new(io::stdout().lock());
     let outcome = dispatch(
         command_line.command,
         &command_line.effect_files,
-        &mut io::stdout().lock(),
+        &mut output,
     );
     let Err(error) = outcome else {
         return ExitCode::SUCCESS;
     };
-    if error.is_broken_pipe() {
+    if output.reader_is_gone() {
         return ExitCode::SUCCESS;
     }
     // As above.

@@ -63,9 +63,15 @@ impl<'a> Table<'a> {
     }
 
     fn get(&mut self, key: &'static str) -> Option<(&'a DeValue<'a>, Range<usize>)> {
-        self.known.push(key);
+        self.knows(key);
         let found = self.entries.iter().find(|(k, _)| k.get_ref() == key)?;
         Some((found.1.get_ref(), found.1.span()))
+    }
+
+    fn knows(&mut self, key: &'static str) {
+        if !self.known.contains(&key) {
+            self.known.push(key);
+        }
     }
 
     /// A text that may be absent.
@@ -116,7 +122,7 @@ impl<'a> Table<'a> {
 
     /// Says that a key is not there. That is taken back where it was misspelt.
     pub(super) fn missing(&mut self, key: &'static str, meaning: &str, faults: &mut Faults) {
-        self.known.push(key);
+        self.knows(key);
         self.lacking.push(key);
         faults.add(self.at, self.lack(key), meaning);
     }

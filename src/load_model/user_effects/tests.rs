@@ -188,6 +188,11 @@ const DECLARATIONS: &[(&str, &str, &str)] = &[
         "unknown key `titel` in the file; did you mean `title`?",
     ),
     (
+        "title = ",
+        "summary = ",
+        "unknown key `summary` in the file; known: name, title, kind, source, version, resembles, excludes, needs, parameters, states, power",
+    ),
+    (
         "name = \"recovery\"",
         "name = \"My Effect\"",
         "`My Effect` is no effect name",
