@@ -2,7 +2,7 @@
 
 use super::{case::Case, where_it_fails::departure};
 use crate::identification::{
-    composed::{ComposedFit, with_own_composition},
+    composed::{ComposedFit, Scatter, with_own_composition},
     intake::PreparedEvent,
 };
 
@@ -16,7 +16,9 @@ const SHARE_MIN: f64 = 0.15;
 /// Most of a window is quiet: what acts for half a second in some of the events hardly shows in a misfit per
 /// sample. The composition that an event has for itself is taken out first.
 pub(super) fn departures(case: &Case<'_>, fit: &ComposedFit) -> Vec<String> {
-    let of = |event: &PreparedEvent| Some(format!("{}: {}", event.id, departs(case, event, fit)?));
+    let scatter = &case.options.composed.scatter;
+    let of =
+        |event: &PreparedEvent| Some(format!("{}: {}", event.id, departs(event, fit, scatter)?));
     let found: Vec<String> = case.judged.iter().filter_map(of).collect();
     let many =
         found.len() >= EVENTS_MIN && found.len() as f64 >= SHARE_MIN * case.judged.len() as f64;
@@ -24,7 +26,11 @@ pub(super) fn departures(case: &Case<'_>, fit: &ComposedFit) -> Vec<String> {
 }
 
 /// Where an event departs from a model for a while, in words, its own composition taken out first; none where it does not.
-pub(super) fn departs(case: &Case<'_>, event: &PreparedEvent, fit: &ComposedFit) -> Option<String> {
-    let curves = with_own_composition(event, fit, &case.options.composed.scatter)?;
+pub(super) fn departs(
+    event: &PreparedEvent,
+    fit: &ComposedFit,
+    scatter: &Scatter,
+) -> Option<String> {
+    let curves = with_own_composition(event, fit, scatter)?;
     departure(event, &curves)
 }

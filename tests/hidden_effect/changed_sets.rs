@@ -74,6 +74,19 @@ fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
 
 #[test]
 fn an_untouched_event_that_contradicts_an_adequate_model_decides_and_another_is_quoted() {
+    // It swings as none of the others.
+    contradicts(write_a_weight_on_a_spring);
+}
+
+#[test]
+fn a_composition_that_no_other_event_has_contradicts_an_adequate_model() {
+    // Within what is assumed at first, and far from what the others show.
+    let told = contradicts(|window| take_another_load(window, 0.95));
+    assert!(told.contains("it would take a composition"), "{told}");
+}
+
+/// Why an untouched event decides after a change, where nothing is hidden.
+fn contradicts(change: impl Fn(&mut Window)) -> String {
     let none_hidden = StudyShape {
         effects: Vec::new(),
         ..shape(Effect::SelfDisconnection, 10, 1e-3)
@@ -88,13 +101,8 @@ fn an_untouched_event_that_contradicts_an_adequate_model_decides_and_another_is_
     let told = (&before.summary, &before.events, &before.reasons);
     assert_eq!(before.status, Status::Adequate, "{told:?}");
     let other = before.events.untouched.first().unwrap();
-    // It swings as none of the others.
-    write_a_weight_on_a_spring(
-        windows
-            .iter_mut()
-            .find(|window| window.id == *other)
-            .unwrap(),
-    );
+    let changed = windows.iter_mut().find(|window| window.id == *other);
+    change(changed.unwrap());
     let after = diagnosed(&windows);
     let told = (&after.summary, &after.events, &after.reasons);
     assert!(!after.events.untouched.contains(other), "{told:?}");
@@ -102,8 +110,18 @@ fn an_untouched_event_that_contradicts_an_adequate_model_decides_and_another_is_
     let instead = instead.filter(|event| before.events.gate.contains(event));
     assert_eq!(instead.count(), 1, "{told:?}");
     let begins = format!("{other} is not followed by the model that follows the others");
-    let says = |reason: &String| reason.starts_with(&begins);
-    assert!(after.reasons.iter().any(says), "{told:?}");
+    let reason = (after.reasons.iter()).find(|reason| reason.starts_with(&begins));
+    reason.unwrap_or_else(|| panic!("{told:?}")).clone()
+}
+
+/// So much of what the load does is left, as if there were less of it beside what does not change.
+fn take_another_load(window: &mut Window, share: f64) {
+    let samples = &mut window.record.samples;
+    let (active, reactive) = (samples[0].active_pu, samples[0].reactive_pu);
+    for sample in samples {
+        sample.active_pu = share * sample.active_pu + (1.0 - share) * active;
+        sample.reactive_pu = share * sample.reactive_pu + (1.0 - share) * reactive;
+    }
 }
 
 #[test]
@@ -118,15 +136,7 @@ fn an_event_that_nothing_explains_is_set_apart_where_the_others_are_explained() 
 
 #[test]
 fn an_event_that_takes_another_load_is_set_apart_where_the_others_are_explained() {
-    // Half of what the load does is left, as if there were half as much of it beside what does not change.
-    let told = deepest_set_apart(|window| {
-        let samples = &mut window.record.samples;
-        let (active, reactive) = (samples[0].active_pu, samples[0].reactive_pu);
-        for sample in samples {
-            sample.active_pu = 0.5 * (sample.active_pu + active);
-            sample.reactive_pu = 0.5 * (sample.reactive_pu + reactive);
-        }
-    });
+    let told = deepest_set_apart(|window| take_another_load(window, 0.5));
     assert!(told.contains("composition"), "{told}");
 }
 

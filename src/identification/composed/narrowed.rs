@@ -11,7 +11,7 @@ use super::{
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions, Place, fit_rows, squares},
     quoted::{self, Quoted},
-    rows::EventRows,
+    rows::{EventRows, Scatter},
 };
 use crate::{identification::intake::PreparedEvent, load_model::effect::Role};
 
@@ -89,6 +89,20 @@ pub fn narrowed(
         moved.covariance = covariance.or_else(|| fit.covariance.clone());
     }
     moved
+}
+
+/// The spread between events that these show under the parameters of a fit, at most that of `options`: the narrowest that
+/// [`narrowed`] would take. `None` where they cannot be simulated.
+#[must_use]
+pub fn shown_scatter(
+    events: &[PreparedEvent],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<Scatter> {
+    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    let shares = sufficient_shares(&rows, fit, options, cancel)?;
+    Some(options.scatter.times(shares))
 }
 
 /// Whether the second fit, whose events may differ more, is for all of them together about as good as the first
