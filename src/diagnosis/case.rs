@@ -111,8 +111,8 @@ impl<'a> Case<'a> {
             } else if how == Use::Untouched {
                 untouched.push(event);
             } else {
+                gates.push(how == Use::Gate && !changes.lets_be_fitted(&event.id));
                 judged.push(event);
-                gates.push(how == Use::Gate);
             }
         }
         watcher.says("fitting ZIP and motor".to_owned(), 0, 1);

@@ -47,11 +47,20 @@ pub(super) struct Apart {
     pub(super) reason: String,
 }
 
+/// A gating event that is fitted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct LetBeFitted {
+    pub(super) event: String,
+    /// Why.
+    pub(super) reason: String,
+}
+
 /// How the sets are changed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Changes {
     pub(super) exchanges: Vec<Exchange>,
     pub(super) apart: Vec<Apart>,
+    pub(super) let_be_fitted: Vec<LetBeFitted>,
 }
 
 impl Changes {
@@ -59,6 +68,12 @@ impl Changes {
     pub(super) fn extend(&mut self, others: Self) {
         self.exchanges.extend(others.exchanges);
         self.apart.extend(others.apart);
+        self.let_be_fitted.extend(others.let_be_fitted);
+    }
+
+    /// Whether a gating event is fitted.
+    pub(super) fn lets_be_fitted(&self, event: &str) -> bool {
+        self.let_be_fitted.iter().any(|own| own.event == event)
     }
 
     /// How an event is set apart, where it is.
@@ -70,7 +85,11 @@ impl Changes {
     pub(super) fn told(&self) -> impl Iterator<Item = String> {
         let apart = self.apart.iter();
         let apart = apart.map(|Apart { event, reason }| format!("{event} is set apart: {reason}"));
-        self.exchanges.iter().map(Exchange::told).chain(apart)
+        let fitted = self.let_be_fitted.iter();
+        let fitted =
+            fitted.map(|LetBeFitted { event, reason }| format!("{event} is fitted: {reason}"));
+        let exchanged = self.exchanges.iter().map(Exchange::told);
+        exchanged.chain(apart).chain(fitted)
     }
 }
 

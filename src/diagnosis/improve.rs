@@ -25,6 +25,8 @@ use crate::{
     measurement::Site,
 };
 
+mod together;
+
 /// What is changed in a structure.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Change {
@@ -141,6 +143,17 @@ struct Higher {
     without: WithoutEach,
 }
 
+/// What a round found.
+struct Seen {
+    diagnosis: Diagnosis,
+    /// The fit with the first effect of its answer.
+    fit: Option<ComposedFit>,
+    /// The second effect that the first one needs, if any.
+    second: Option<Second>,
+    /// The structure with the companions beside which effects were tried, if any.
+    accompanied: Option<Baseline>,
+}
+
 struct Stairs<'a> {
     case: &'a Case<'a>,
     at: Baseline,
@@ -184,12 +197,11 @@ impl<'a> Stairs<'a> {
     }
 
     fn diagnosis(&mut self) -> Result<Diagnosis, Stop> {
-        self.round().map(|(found, ..)| found)
+        self.round().map(|seen| seen.diagnosis)
     }
 
-    /// A diagnosis, the fit with the first effect of its answer, and the second that it needs, if any. Where
-    /// it found a lower fit of the structure itself, that takes the place of the one it began with.
-    fn round(&mut self) -> Result<(Diagnosis, Option<ComposedFit>, Option<Second>), Stop> {
+    /// One round. Where it found a lower fit of the structure itself, that takes the place of the one it began with.
+    fn round(&mut self) -> Result<Seen, Stop> {
         if let Some(found) = self.case.without_what_is_in_the_way(&self.at)? {
             let WithoutIt {
                 case,
@@ -198,8 +210,12 @@ impl<'a> Stairs<'a> {
                 apart,
             } = found;
             self.case.anew_with(apart.unwrap_or_default())?;
-            let found = report(&case, &round)?;
-            return Ok((found, Some(with_it), round.decision.second));
+            return Ok(Seen {
+                diagnosis: report(&case, &round)?,
+                fit: Some(with_it),
+                second: round.decision.second,
+                accompanied: None,
+            });
         }
         let round = round(self.case, self.at.clone())?;
         self.case.none_contradicts(&round)?;
@@ -213,18 +229,35 @@ impl<'a> Stairs<'a> {
         }
         let first = round.decision.answer.first();
         let fit = first.and_then(|&place| round.trials[place].fit.clone());
-        let found = report(self.case, &round)?;
-        Ok((found, fit, round.decision.second))
+        Ok(Seen {
+            diagnosis: report(self.case, &round)?,
+            fit,
+            second: round.decision.second,
+            accompanied: round.accompanied.map(|with| with.baseline),
+        })
     }
 
     fn climb(&mut self) -> Result<(), Stop> {
         for _ in 0..ROUNDS_MAX {
-            let (mut found, fit, second) = self.round()?;
+            let Seen {
+                diagnosis: mut found,
+                fit,
+                second,
+                accompanied,
+            } = self.round()?;
             let Some(effect) = claimed(&found) else {
                 self.last = Some(found);
                 return Ok(());
             };
-            match self.higher(&effect, fit.as_ref(), &found.summary)? {
+            let alone = self.higher(&effect, fit.as_ref(), &found.summary)?;
+            let is_worth_it = |own: &Higher| own.next.all.criterion() <= self.at.all.criterion();
+            if !alone.as_ref().is_ok_and(is_worth_it)
+                && let Some(with) = &accompanied
+                && self.accompanied(with, &effect, fit.as_ref(), &found)?
+            {
+                continue;
+            }
+            match alone {
                 Ok(higher) => {
                     let reason = found.summary.clone();
                     self.diagnoses.push(found);
@@ -237,10 +270,11 @@ impl<'a> Stairs<'a> {
                     }
                 }
                 Err(Refused { reason, worse }) => {
-                    if let Some(higher) = worse
-                        && self.beyond(*higher, &found, second.as_ref())?
-                    {
-                        continue;
+                    if let Some(higher) = worse {
+                        self.case.none_is_open(&self.at, &higher.next, &effect)?;
+                        if self.beyond(*higher, &found, second.as_ref())? {
+                            continue;
+                        }
                     }
                     found
                         .reasons
@@ -251,57 +285,6 @@ impl<'a> Stairs<'a> {
             }
         }
         Ok(())
-    }
-
-    /// A step that alone follows events that are not fitted worse may be the first of two: it is taken where a second one
-    /// leads to errors no worse than those without either: the one that was found with it, or what is found beside it.
-    /// Whether it was.
-    fn beyond(
-        &mut self,
-        first: Higher,
-        found: &Diagnosis,
-        known: Option<&Second>,
-    ) -> Result<bool, Stop> {
-        let before = (self.at.clone(), self.steps.clone());
-        let no_worse = |both: &Higher| {
-            let start = before.1.last();
-            start.is_none_or(|start| !is_worse(&start.errors, &both.step.errors))
-        };
-        self.at = first.next;
-        self.steps.push(first.step);
-        if let Some(Second { name, fit }) = known
-            && self.at.structure.with(name).is_ok()
-            && let Ok(both) = self.higher(name, Some(fit), &found.summary)?
-            && no_worse(&both)
-        {
-            self.diagnoses.push(found.clone());
-            self.take(name, both)?;
-            return Ok(true);
-        }
-        if let Some((second, both)) = self.second_step()?
-            && no_worse(&both)
-            && let Some(effect) = claimed(&second)
-        {
-            self.diagnoses.extend([found.clone(), second]);
-            self.take(&effect, both)?;
-            return Ok(true);
-        }
-        (self.at, self.steps) = before;
-        Ok(false)
-    }
-
-    /// What is found beside a step that is on trial, and the step that adds it.
-    fn second_step(&mut self) -> Result<Option<(Diagnosis, Higher)>, Stop> {
-        let (second, fit, _) = match self.round() {
-            Ok(round) => round,
-            Err(Stop::Failed(error)) if error.is_of_the_model() => return Ok(None),
-            Err(error) => return Err(error),
-        };
-        let Some(effect) = claimed(&second) else {
-            return Ok(None);
-        };
-        let both = self.higher(&effect, fit.as_ref(), &second.summary)?;
-        Ok(both.ok().map(|both| (second, both)))
     }
 
     fn take(&mut self, effect: &str, higher: Higher) -> Result<(), Stop> {

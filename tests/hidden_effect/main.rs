@@ -11,6 +11,7 @@
     reason = "a test that cannot make its site should fail"
 )]
 
+mod beside_a_companion;
 mod catalogue;
 mod changed_sets;
 mod longer_windows;
