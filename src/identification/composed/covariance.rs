@@ -73,11 +73,29 @@ impl EventCovariance {
         whitened.norm_squared() - cross.dot(&self.factor.solve(&cross))
     }
 
+    /// `Sigma^-1 A` for the columns of `rows`.
+    pub(super) fn solved_columns(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut solved = rows.clone();
+        for (mut column, row) in solved.column_iter_mut().zip(rows.column_iter()) {
+            column.copy_from(&self.solved(&row.into_owned()));
+        }
+        solved
+    }
+
     /// `Sigma^-1 r`.
     pub(super) fn solved(&self, residual: &DVector<f64>) -> DVector<f64> {
         let whitened = residual.component_mul(&self.root_weights);
         let amounts = self.factor.solve(&self.basis.tr_mul(&whitened));
         (whitened - &self.basis * amounts).component_mul(&self.root_weights)
+    }
+
+    /// `Y' Sigma Y` for the columns `Y` of `rows`: the covariance of `Y' r`.
+    pub(super) fn spread_of(&self, rows: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut scaled = rows.clone();
+        for mut column in scaled.column_iter_mut() {
+            column.component_div_assign(&self.root_weights);
+        }
+        gram(&scaled) + gram(&cross(&self.basis, &scaled))
     }
 
     /// What each random effect most probably is, in its standard deviations: `(I + B' W B)^-1 B' W r`, the conditional
@@ -90,6 +108,24 @@ impl EventCovariance {
     /// The part of a residual that what varies from event to event most probably is: `B` times its [`Self::amounts`].
     pub(super) fn varying(&self, residual: &DVector<f64>) -> DVector<f64> {
         (&self.basis * self.amounts(residual)).component_div(&self.root_weights)
+    }
+
+    /// All products of the random effects and the columns of `rows`, by which covariances with other deviations of the
+    /// same effects are at hand.
+    pub(super) fn products(&self, rows: &DMatrix<f64>) -> Products {
+        let random = self.basis.ncols();
+        let mut both = self
+            .basis
+            .clone()
+            .resize_horizontally(random + rows.ncols(), 0.0);
+        for (column, row) in rows.column_iter().enumerate() {
+            let whitened = row.component_mul(&self.root_weights);
+            both.set_column(random + column, &whitened);
+        }
+        Products {
+            random,
+            gram: gram(&both),
+        }
     }
 
     /// Logarithm of `det(I + B' W B)`: what the random effects add to the log determinant.
@@ -121,6 +157,31 @@ impl Weighted {
     }
 }
 
+/// `[B A]' W [B A]` of the random effects `B` and some columns `A` of an event.
+#[derive(Clone, Debug)]
+pub(super) struct Products {
+    random: usize,
+    gram: DMatrix<f64>,
+}
+
+impl Products {
+    /// `A' Sigma^-1 A`, and what the random effects add to the log determinant, when each of them has so many
+    /// times its standard deviation.
+    pub(super) fn scaled(&self, times: impl Fn(usize) -> f64) -> Option<(DMatrix<f64>, f64)> {
+        let (random, rows) = (self.random, self.gram.ncols() - self.random);
+        let times: Vec<f64> = (0..random).map(times).collect();
+        let inner = DMatrix::from_fn(random, random, |i, j| {
+            f64::from(u8::from(i == j)) + times[i] * self.gram[(i, j)] * times[j]
+        });
+        let factor = inner.cholesky()?;
+        let cross = DMatrix::from_fn(random, rows, |i, j| times[i] * self.gram[(i, random + j)]);
+        let own = self.gram.view((random, random), (rows, rows));
+        let diagonal = factor.l_dirty().diagonal();
+        let root: f64 = diagonal.iter().map(|d| d.ln()).sum();
+        Some((own - cross.tr_mul(&factor.solve(&cross)), 2.0 * root))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -143,6 +204,8 @@ mod tests {
             .weighted(&one)
             .product(&covariance.weighted(&both));
         assert!((product - expected.rows(0, 1)).amax() < 1e-12);
+        assert!((covariance.spread_of(&rows) - rows.transpose() * &full * &rows).amax() < 1e-12);
+        assert!((covariance.solved_columns(&rows) - &inverse * &rows).amax() < 1e-12);
         let residual: DVector<f64> = rows.column(1).into_owned();
         assert!((covariance.square(&residual) - expected[(1, 1)]).abs() < 1e-12);
         let weighted = covariance.solved(&residual);
@@ -150,6 +213,13 @@ mod tests {
         let noise = DVector::from_vec(deviations.map(|d| d * d).to_vec());
         let varying = &residual - noise.component_mul(&(&inverse * &residual));
         assert!((covariance.varying(&residual) - varying).amax() < 1e-12);
+        let (gram, logarithm) = covariance.products(&rows).scaled(|_| 1.0).unwrap();
+        assert!((gram - rows.transpose() * &inverse * &rows).amax() < 1e-12);
+        assert!((logarithm - covariance.log_determinant()).abs() < 1e-12);
+        let narrower = EventCovariance::new(&deviations, &(&random * 0.25)).unwrap();
+        let (gram, logarithm) = covariance.products(&rows).scaled(|_| 0.25).unwrap();
+        assert!((gram - narrower.gram(&rows)).amax() < 1e-12);
+        assert!((logarithm - narrower.log_determinant()).abs() < 1e-12);
         let weights: f64 = deviations.iter().map(|d| 2.0 * d.ln()).sum();
         let log_determinant = full.determinant().ln() - weights;
         assert!((covariance.log_determinant() - log_determinant).abs() < 1e-12);

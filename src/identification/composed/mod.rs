@@ -25,6 +25,7 @@ mod refine;
 mod relay_walk;
 mod rows;
 mod screening;
+mod spread;
 mod threshold;
 
 #[cfg(test)]

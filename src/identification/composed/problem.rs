@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::{
     coordinates::Coordinates,
-    covariance::EventCovariance,
+    covariance::{EventCovariance, Products},
     rows::{EventRows, Scatter, random_effects},
 };
 use crate::{
@@ -78,11 +78,17 @@ impl Linearised {
         .collect()
     }
 
-    /// Sum of the events' `A' Sigma^-1 A`, `A` being the columns of some parameters and the residual.
-    fn gram(&self, covariances: &[EventCovariance], parameters: &[usize]) -> Option<DMatrix<f64>> {
+    /// Where the columns of some parameters and the residual are.
+    fn places(&self, parameters: &[usize]) -> Option<Vec<usize>> {
         let place = |index: &usize| self.wanted.iter().position(|w| w == index);
         let mut places: Vec<usize> = parameters.iter().map(place).collect::<Option<_>>()?;
         places.push(self.wanted.len());
+        Some(places)
+    }
+
+    /// Sum of the events' `A' Sigma^-1 A`, `A` being the columns of some parameters and the residual.
+    fn gram(&self, covariances: &[EventCovariance], parameters: &[usize]) -> Option<DMatrix<f64>> {
+        let places = self.places(parameters)?;
         let all = places.iter().copied().eq(0..=self.wanted.len());
         let grams: Vec<DMatrix<f64>> = self
             .rows
@@ -132,6 +138,18 @@ impl ComposedProblem<'_> {
     pub(super) fn known_squares(&self) -> Option<Vec<f64>> {
         let lowest = self.lowest.lock().ok()?;
         Some(lowest.as_ref()?.0.squares(&self.covariances))
+    }
+
+    /// Products of every event's random effects, derivative columns and residual at the lowest point that was expanded.
+    pub(super) fn products(&self) -> Option<Vec<Products>> {
+        let lowest = self.lowest.lock().ok()?;
+        let (point, _) = lowest.as_ref()?;
+        let places = point.places(&self.coordinates.indices())?;
+        let both = self.covariances.iter().zip(&point.rows);
+        Some(
+            both.map(|(covariance, rows)| covariance.products(&rows.select_columns(&places)))
+                .collect(),
+        )
     }
 
     /// `sum_e r' Sigma^-1 r` for each event.

@@ -24,6 +24,13 @@
 //! where `v` is the part of a column that what varies from event to event takes up: of that the assumed
 //! spread says how large it may be.
 //!
+//! What is published is fitted under another spread `N` between the events than the one `S` by which its errors are stated,
+//! so that a few events may decide what all were to say. With `B = J' N^-1 J + P`,
+//!
+//! ```text
+//! W = B^-1 (J' N^-1 S N^-1 J + P) B^-1,   V_ii = max(A^-1_ii, H_ii, W_ii)                               (3)
+//! ```
+//!
 //! Source: (2) is the sandwich with clusters of Liang and Zeger (Biometrika 73, 1986), the clusters being pieces
 //! of time as in Newey and West (Econometrica 55, 1987).
 
@@ -36,9 +43,9 @@ use super::{
     covariance::EventCovariance,
     fit::{ComposedFit, ComposedFitOptions},
     relay_walk::is_setting,
-    rows::{EventRows, random_effects},
+    rows::{EventRows, Scatter, random_effects},
 };
-use crate::load_model::effect::Scale;
+use crate::load_model::{composed::ComposedModel, effect::Scale};
 
 /// Rounds of (1) at most.
 const ROUNDS_MAX: usize = 3;
@@ -55,16 +62,65 @@ const TIME_MOST: f64 = 0.5;
 const OPEN: f64 = 0.7;
 /// A threshold whose variance the others, free, raise by less than this factor lies between two dips.
 const ALONE: f64 = 2.0;
+/// A setting whose columns to both sides differ by more than this factor in size has a cliff on one of them.
+const CLIFF: f64 = 5.0;
 /// Length of the pieces of (2): that over which residuals are taken to be correlated elsewhere too.
 const PIECE_S: f64 = 0.5;
 
 /// The covariance of a fit as it is quoted.
 pub(super) struct Quoted {
-    /// Of the free parameters.
-    pub(super) covariance: DMatrix<f64>,
     /// Places among them, ascending, of thresholds that stay where they are: between two dips, whatever the others are, and
     /// at the mean of where a band may begin.
     pub(super) staying: Vec<usize>,
+    inverse: DMatrix<f64>,
+    /// Roots of the variances over those of `inverse`.
+    factors: Vec<f64>,
+    /// What bands leave open.
+    open: DMatrix<f64>,
+    slopes: Vec<f64>,
+    /// `P`.
+    priors: DVector<f64>,
+    events: Vec<At>,
+}
+
+impl Quoted {
+    /// The covariance with (3): that of an estimate made under the spread `weighed` at the same point; `None` where it
+    /// cannot be found.
+    pub(super) fn of_estimate(
+        &self,
+        rows: &[EventRows<'_>],
+        (model, parameters): (&ComposedModel, &[f64]),
+        weighed: &Scatter,
+    ) -> Option<DMatrix<f64>> {
+        let random = random_effects(model, parameters, weighed);
+        let count = self.slopes.len();
+        let mut curvature = DMatrix::from_diagonal(&self.priors);
+        let mut scores = curvature.clone();
+        for (event, at) in rows.iter().zip(&self.events) {
+            let given = (&at.rows, at.wanted.as_slice());
+            let weights = event.covariance_of(given, &random, (model, parameters))?;
+            let mut columns = at.columns.clone();
+            for (mut column, slope) in columns.column_iter_mut().zip(&self.slopes) {
+                column *= *slope;
+            }
+            curvature += weights.gram(&columns);
+            scores += at.covariance.spread_of(&weights.solved_columns(&columns));
+        }
+        let inverse = without(&curvature, &self.staying)?;
+        let spread = &inverse * scores * &inverse;
+        let factor = |i: usize| {
+            let ratio = spread[(i, i)] / self.inverse[(i, i)];
+            self.factors[i].max(ratio.max(0.0).sqrt())
+        };
+        Some(self.stated(&(0..count).map(factor).collect::<Vec<f64>>()))
+    }
+
+    fn stated(&self, factors: &[f64]) -> DMatrix<f64> {
+        DMatrix::from_fn(factors.len(), factors.len(), |i, j| {
+            let unknown = factors[i] * self.inverse[(i, j)] * factors[j] + self.open[(i, j)];
+            self.slopes[i] * unknown * self.slopes[j]
+        })
+    }
 }
 
 /// The covariance of a fit corrected by (1) and (2), with what its bands leave open; `None` where it has none, or none can
@@ -110,13 +166,15 @@ pub(super) fn quoted(
         .spreads
         .iter()
         .fold(0.0 * &inverse, |sum, own| sum + own);
-    let covariance = DMatrix::from_fn(stated.nrows(), stated.ncols(), |i, j| {
-        let unknown = factors[i] * inverse[(i, j)] * factors[j] + open[(i, j)];
-        search.slopes[i] * unknown * search.slopes[j]
-    });
+    let (_, _, priors) = search.coordinates.prior(&search.x);
     Some(Quoted {
-        covariance,
         staying,
+        inverse,
+        factors,
+        open,
+        priors,
+        slopes: search.slopes,
+        events: search.events,
     })
 }
 
@@ -143,6 +201,9 @@ struct Setting {
 
 /// An event at the fit: derivative columns by the free parameters, what is left, and its covariance.
 struct At {
+    /// Derivative columns of the parameters `wanted`, and the residual.
+    rows: DMatrix<f64>,
+    wanted: Vec<usize>,
     columns: DMatrix<f64>,
     residual: DVector<f64>,
     covariance: EventCovariance,
@@ -198,6 +259,8 @@ impl Search<'_> {
                 covariance: event.covariance_of((&rows, &wanted), &random, (model, parameters))?,
                 columns: rows.columns(0, count).into_owned(),
                 residual: rows.column(wanted.len()).into_owned(),
+                wanted: wanted.clone(),
+                rows,
             })
         };
         self.rows.par_iter().map(at).collect()
@@ -218,7 +281,7 @@ impl Search<'_> {
                 self.replace(setting.place, distance)?;
             }
             let curvature = self.curvature()?;
-            let inverse = self.inverse(&curvature)?;
+            let inverse = without(&curvature, self.held)?;
             open.retain(|s| {
                 let [before, now] = [deviations[s.place], inverse[(s.place, s.place)].sqrt()]
                     .map(|distance| distance.clamp(s.least, s.most));
@@ -235,7 +298,8 @@ impl Search<'_> {
         found
     }
 
-    /// Puts the difference over `distance` to both sides, as far as the bounds allow, in place of a column.
+    /// Puts the difference over `distance` to both sides, as far as the bounds allow, in place of a column; that to one
+    /// side where there is a cliff on the other, which bounds where the parameter may be and says nothing of how far.
     fn replace(&mut self, place: usize, distance: f64) -> Option<()> {
         let bounds = self.coordinates.bounds();
         let side = |sign: f64| {
@@ -245,38 +309,44 @@ impl Search<'_> {
             (x[place], self.coordinates.parameters(&x))
         };
         let ((low, below), (high, above)) = (side(-1.0), side(1.0));
-        let scale = self.slopes[place] * (high - low);
-        if scale <= 0.0 {
+        if low >= high {
             return Some(());
         }
-        let difference = |event: &EventRows<'_>| {
+        let (here, slope) = (self.x[place], self.slopes[place]);
+        let difference = |(event, at): (&EventRows<'_>, &At)| {
             if (self.cancel)() {
                 return None;
             }
-            let at = |parameters: &[f64]| event.residual(&self.fit.model, parameters).ok();
-            Some((at(&below)? - at(&above)?) / scale)
+            let left = |parameters: &[f64]| event.residual(&self.fit.model, parameters).ok();
+            let (below, above) = (left(&below)?, left(&above)?);
+            let over =
+                |x: f64, difference: DVector<f64>| (x > 0.0).then(|| difference / (slope * x));
+            let sides = [
+                over(here - low, &below - &at.residual),
+                over(high - here, &at.residual - &above),
+            ];
+            let squares = sides.each_ref().map(|side| {
+                let side = side.as_ref();
+                side.map_or(f64::INFINITY, |column| at.covariance.square(column))
+            });
+            let both = (below - above) / (slope * (high - low));
+            Some((both, sides, squares))
         };
-        let columns: Vec<DVector<f64>> =
-            (self.rows.par_iter().map(difference)).collect::<Option<_>>()?;
+        let found: Vec<_> = (self.rows.par_iter().zip(&self.events))
+            .map(difference)
+            .collect::<Option<_>>()?;
+        let square = |side: usize| found.iter().map(|(_, _, squares)| squares[side]).sum();
+        let squares: [f64; 2] = [square(0), square(1)];
+        let smooth = (0..2).find(|side| squares[*side] * CLIFF * CLIFF < squares[1 - *side]);
+        let columns = found.into_iter().map(|(both, mut sides, _)| {
+            let one = smooth.and_then(|side| sides[side].take());
+            one.unwrap_or(both)
+        });
+        let columns: Vec<DVector<f64>> = columns.collect();
         for (event, column) in self.events.iter_mut().zip(&columns) {
             event.columns.set_column(place, column);
         }
         Some(())
-    }
-
-    /// The inverse of the curvature by all that is not held; zero by what is.
-    fn inverse(&self, curvature: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-        let mut others = curvature.clone();
-        for place in self.held {
-            others.row_mut(*place).fill(0.0);
-            others.column_mut(*place).fill(0.0);
-            others[(*place, *place)] = 1.0;
-        }
-        let mut inverse = others.cholesky()?.inverse();
-        for place in self.held {
-            inverse[(*place, *place)] = 0.0;
-        }
-        Some(inverse)
     }
 
     fn curvature(&self) -> Option<DMatrix<f64>> {
@@ -312,4 +382,19 @@ impl Search<'_> {
         let ratio = |i: usize| (spread[(i, i)] / inverse[(i, i)]).max(1.0).sqrt();
         (0..count).map(ratio).collect()
     }
+}
+
+/// The inverse of the curvature by all that is not held; zero by what is.
+fn without(curvature: &DMatrix<f64>, held: &[usize]) -> Option<DMatrix<f64>> {
+    let mut others = curvature.clone();
+    for place in held {
+        others.row_mut(*place).fill(0.0);
+        others.column_mut(*place).fill(0.0);
+        others[(*place, *place)] = 1.0;
+    }
+    let mut inverse = others.cholesky()?.inverse();
+    for place in held {
+        inverse[(*place, *place)] = 0.0;
+    }
+    Some(inverse)
 }

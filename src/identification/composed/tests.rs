@@ -22,6 +22,7 @@ use crate::{
 use nalgebra::DVector;
 
 mod distances;
+mod stated_errors;
 mod thresholds;
 
 const RATE_FPS: f64 = 60.0;
@@ -201,25 +202,6 @@ fn a_resistance_in_the_data_is_found_again_and_lowers_the_information_criterion(
 }
 
 #[test]
-fn events_that_agree_do_not_make_stated_errors_smaller() {
-    let model = ComposedModel::new(&Structure::zip_im());
-    let events = drawn_by(&model, &model.typical(), &events());
-    let options = ComposedFitOptions::default();
-    let wide = fit(&events, &model, &model.typical(), &FREE, &options, &|| {
-        false
-    });
-    let wide = wide.unwrap();
-    let narrow = narrowed(&events, &wide, &options, &|| false);
-    // The spread is narrower: the likelihood is another one.
-    assert!(narrow.minus_twice_log_likelihood < wide.minus_twice_log_likelihood - 1.0);
-    let (narrow, wide) = (narrow.covariance.unwrap(), wide.covariance.unwrap());
-    for place in 0..FREE.len() {
-        let ratio = narrow[(place, place)] / wide[(place, place)];
-        assert!(ratio > 1.0 - 1e-9, "{place}: {ratio}");
-    }
-}
-
-#[test]
 fn a_share_that_no_event_has_is_not_taken_for_one_that_all_have() {
     let model = ComposedModel::new(&Structure::zip_im());
     let truth = model.typical();
@@ -236,31 +218,6 @@ fn a_share_that_no_event_has_is_not_taken_for_one_that_all_have() {
     assert!(!is_shared(with(0.75 * shared.parameters[3])));
     // What cannot be simulated is shared by none.
     assert!(!is_shared(with(f64::NAN)));
-}
-
-#[test]
-fn residuals_that_last_make_stated_errors_larger() {
-    let model = ComposedModel::new(&Structure::zip_im());
-    let white = drawn_by(&model, &model.typical(), &events());
-    let mut lasting = white.clone();
-    for event in &mut lasting {
-        for (k, active) in event.active.iter_mut().enumerate() {
-            // Half a second: faster than any parameter can follow, slower than a sample.
-            *active += 8e-4 * (0.2 * k as f64).sin();
-        }
-    }
-    let options = ComposedFitOptions::default();
-    let largest = |events: &[PreparedEvent]| {
-        let start = model.typical();
-        let wide = fit(events, &model, &start, &FREE, &options, &|| false).unwrap();
-        let stated = narrowed(events, &wide, &options, &|| false);
-        let (stated, plain) = (stated.covariance.unwrap(), wide.covariance.unwrap());
-        let ratio = |i: usize| (stated[(i, i)] / plain[(i, i)]).sqrt();
-        (0..FREE.len()).map(ratio).fold(0.0, f64::max)
-    };
-    let (white, lasting) = (largest(&white), largest(&lasting));
-    assert!(white < 1.1, "{white}");
-    assert!(lasting > 1.8, "{lasting}");
 }
 
 #[test]
