@@ -1,7 +1,6 @@
 //! Diagnose, add, refit, until nothing more is missing.
 
 use super::{
-    addable::addable,
     anew::{Asked, Stop, with_settled_events},
     case::{Case, Watcher},
     convincing::over_all,
@@ -19,12 +18,13 @@ use crate::{
     disturbance::Window,
     identification::{
         IdentificationError,
-        composed::{Baseline, ComposedFit, Ground, refine},
+        composed::{Baseline, ComposedFit},
     },
-    load_model::{Structure, effects},
+    load_model::Structure,
     measurement::Site,
 };
 
+mod exchange;
 mod together;
 
 /// What is changed in a structure.
@@ -44,10 +44,7 @@ pub enum Change {
 
 /// Rounds at most: no site has shown more than three effects that could be told apart.
 const ROUNDS_MAX: usize = 4;
-/// One gives way to another where the criterion is lower by this much ...
-const EXCHANGE_DELTA_BIC: f64 = 10.0;
-/// ... and by this share of the weighted squares that are left, which are not independent from sample to sample.
-const EXCHANGE_SHARE_OF_LEFT: f64 = 0.03;
+
 /// Goes round: diagnose, add what is missing, refit, drop what became superfluous.
 ///
 /// # Errors
@@ -329,72 +326,6 @@ impl<'a> Stairs<'a> {
         }
     }
 
-    /// Effects of earlier steps give way to what resembles them, where that follows the events better beside
-    /// the newest one: before that was there each had to make up for it. A step of its own each.
-    fn exchange(&mut self, newest: &str, without: &[(String, Baseline)]) -> Result<(), Stop> {
-        for (old, fewer) in without {
-            let Some((new, next)) = self.better_than(old, fewer)? else {
-                continue;
-            };
-            let step = self.step(
-                &next,
-                Some(new.clone()),
-                vec![old.clone()],
-                format!("beside {newest}, {new} follows the events better than {old}"),
-            )?;
-            if self.worse(&step) {
-                continue;
-            }
-            self.steps.push(step);
-            self.at = next;
-            // What is known of the other structures was of the one that is no more.
-            return Ok(());
-        }
-        Ok(())
-    }
-
-    /// The best of what resembles `old` in its place; none where `old` is.
-    fn better_than(
-        &self,
-        old: &str,
-        fewer: &Baseline,
-    ) -> Result<Option<(String, Baseline)>, IdentificationError> {
-        let (case, options) = (self.case, &self.case.options.composed);
-        let cancel = case.watcher.cancel;
-        let values = fewer.with_values_of(&case.judged, &self.at.all, options, cancel);
-        let Some(origin) = values else {
-            return Ok(None);
-        };
-        let origins = [&origin];
-        let ground = Ground::new(&case.judged, &fewer.structure, &origins, options, cancel);
-        let left: f64 = self.at.all.squares.iter().sum();
-        let mut best: Option<(f64, &str, ComposedFit)> = None;
-        for new in addable(&fewer.structure, case) {
-            if new == old || !alike(old, new) {
-                continue;
-            }
-            case.watcher.says(format!("trying {new} for {old}"), 0, 1);
-            let sketched = fewer.sketched(&ground, &ground.screen(new)?, left);
-            case.watcher.check()?;
-            let Some(fit) = sketched else { continue };
-            let criterion = fit.criterion();
-            if best.as_ref().is_none_or(|(least, _, _)| criterion < *least) {
-                best = Some((criterion, new, fit));
-            }
-        }
-        let Some((_, new, fit)) = best else {
-            return Ok(None);
-        };
-        let fit = refine(&case.judged, fit, new, options, cancel);
-        case.watcher.check()?;
-        let told = EXCHANGE_DELTA_BIC.max(EXCHANGE_SHARE_OF_LEFT * left);
-        if fit.criterion() > self.at.all.criterion() - told {
-            return Ok(None);
-        }
-        let next = fewer.completed(&case.judged, fit, new, options, cancel)?;
-        Ok(Some((new.to_owned(), next)))
-    }
-
     fn change(&mut self, add: &[String], remove: &[String]) -> Result<(), Stop> {
         for effect in remove {
             let fewer = self.at.structure.without(effect);
@@ -507,10 +438,4 @@ fn claimed(found: &Diagnosis) -> Option<String> {
         Status::MissingEffect | Status::InstrumentSuspect
     );
     found.answer_set.first().filter(|_| missing).cloned()
-}
-
-/// Whether one of two effects is declared to resemble the other.
-fn alike(one: &str, other: &str) -> bool {
-    let pair = effects::find(one).zip(effects::find(other));
-    pair.is_some_and(|(one, other)| one.declaration().is_like(other.declaration()))
 }
