@@ -26,7 +26,7 @@ const SHARED: f64 = 4.0;
 ///
 /// Its covariance is not that of the narrowest spread: few events that happen to agree do not show how much the composition
 /// varies, and errors stated as if it did not vary are too small (decision 0048). It is that of the spread which the events
-/// show ([`spread::shown`], decision 0110), for an estimate that was made under another one, corrected where its curvature
+/// show (`spread`, decision 0110), for an estimate that was made under another one, corrected where its curvature
 /// is a poor guide to errors (decision 0059). A threshold that lies between two dips stays in their
 /// middle, where `fit` has it: nothing else draws it anywhere. So does the beginning of a band of voltages at the mean of
 /// where it may be (decision 0096).
