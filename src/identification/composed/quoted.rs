@@ -69,7 +69,7 @@ const PIECE_S: f64 = 0.5;
 
 /// The covariance of a fit as it is quoted.
 pub(super) struct Quoted {
-    /// Places among them, ascending, of thresholds that stay where they are: between two dips, whatever the others are, and
+    /// Places among the free parameters, ascending, of thresholds that stay where they are: between two dips, whatever the others are, and
     /// at the mean of where a band may begin.
     pub(super) staying: Vec<usize>,
     inverse: DMatrix<f64>,
