@@ -33,8 +33,9 @@ impl Case<'_> {
         // What is quoted: the judged events at their narrowest. A wide spread would take in what is missing.
         let fit = self.narrowed(&round.asked.baseline.all);
         let options = &self.options.composed;
-        let scatter = composed::shown_scatter(&self.judged, &fit, options, self.watcher.cancel)
-            .unwrap_or(options.scatter);
+        let scatter =
+            composed::sufficient_scatter(&self.judged, &fit, options, self.watcher.cancel)
+                .unwrap_or(options.scatter);
         let mut exchanges: Vec<Exchange> = Vec::new();
         for event in &self.untouched {
             let taken: Vec<&str> = exchanges.iter().map(|e| e.untouched.as_str()).collect();

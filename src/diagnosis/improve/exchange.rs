@@ -53,12 +53,8 @@ impl Stairs<'_> {
         let (case, options) = (self.case, &self.case.options.composed);
         let cancel = case.watcher.cancel;
         let values = fewer.with_values_of(&case.judged, &self.at.all, options, cancel);
-        let Some(origin) = values else {
-            return Ok(None);
-        };
         // What `old` took of the deep dips may have led everything else astray: from where the mild ones have it, too.
-        let mut origins = vec![&origin];
-        origins.extend(fewer.origins());
+        let origins: Vec<&ComposedFit> = values.iter().chain(fewer.origins()).collect();
         let ground = Ground::new(&case.judged, &fewer.structure, &origins, options, cancel);
         let left: f64 = self.at.all.squares.iter().sum();
         let mut best: Option<(f64, &str, ComposedFit)> = None;

@@ -41,7 +41,7 @@ pub use fit::{
     squares, with_own_composition,
 };
 pub use model::ComposedLoad;
-pub use narrowed::{narrowed, shown_scatter};
+pub use narrowed::{narrowed, sufficient_scatter};
 pub use no_value::without_value;
 pub use refine::refine;
 pub use relay_walk::{is_bracketed, with_frequency_levels_of, with_levels_of};

@@ -10,7 +10,7 @@ use super::{
     fit::{ComposedFit, ComposedFitOptions, fit_rows, squares},
     quoted::{self, Quoted},
     rows::{EventRows, Scatter},
-    spread::{self, NARROWEST},
+    spread::{NARROWEST, Spreads},
 };
 use crate::{identification::intake::PreparedEvent, load_model::effect::Role};
 
@@ -41,9 +41,10 @@ pub fn narrowed(
         return fit.clone();
     }
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    let shown = spread::shown(&rows, fit, options, cancel);
+    let spreads = |fit: &ComposedFit| Spreads::new(&rows, fit, options, cancel);
+    let shown = spreads(fit).map_or([1.0; 2], |spreads| spreads.shown());
     let stated = ComposedFitOptions {
-        scatter: options.scatter.times(shown.unwrap_or([1.0; 2])),
+        scatter: options.scatter.times(shown),
         ..*options
     };
     let bands = bands(&rows, fit, &stated, cancel);
@@ -67,7 +68,7 @@ pub fn narrowed(
     };
     let moved = || {
         let narrowest = again(&begun, NARROWEST)?;
-        let shares = spread::sufficient(&rows, &narrowest, options, cancel)?;
+        let shares = spreads(&narrowest)?.sufficient()?;
         if shares == NARROWEST {
             return Some((narrowest, shares));
         }
@@ -78,9 +79,8 @@ pub fn narrowed(
     let (mut moved, shares) = moved().unwrap_or_else(|| (fit.clone(), [1.0; 2]));
     moved.free.clone_from(&fit.free);
     if fit.covariance.is_some() {
-        let at = (&bands.fit.model, bands.fit.parameters.as_slice());
         let weighed = options.scatter.times(shares);
-        let covariance = quoted.and_then(|quoted| quoted.of_estimate(&rows, at, &weighed));
+        let covariance = quoted.and_then(|quoted| quoted.of_estimate(&rows, &bands, &weighed));
         moved.covariance = covariance.or_else(|| fit.covariance.clone());
     }
     moved
@@ -89,14 +89,14 @@ pub fn narrowed(
 /// The spread between events that these show under the parameters of a fit, at most that of `options`: the narrowest that
 /// [`narrowed`] would take. `None` where they cannot be simulated.
 #[must_use]
-pub fn shown_scatter(
+pub fn sufficient_scatter(
     events: &[PreparedEvent],
     fit: &ComposedFit,
     options: &ComposedFitOptions,
     cancel: &(dyn Fn() -> bool + Sync),
 ) -> Option<Scatter> {
     let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-    let shares = spread::sufficient(&rows, fit, options, cancel)?;
+    let shares = Spreads::new(&rows, fit, options, cancel)?.sufficient()?;
     Some(options.scatter.times(shares))
 }
 

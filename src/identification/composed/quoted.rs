@@ -45,7 +45,7 @@ use super::{
     relay_walk::is_setting,
     rows::{EventRows, Scatter, random_effects},
 };
-use crate::load_model::{composed::ComposedModel, effect::Scale};
+use crate::load_model::effect::Scale;
 
 /// Rounds of (1) at most.
 const ROUNDS_MAX: usize = 3;
@@ -84,14 +84,15 @@ pub(super) struct Quoted {
 }
 
 impl Quoted {
-    /// The covariance with (3): that of an estimate made under the spread `weighed` at the same point; `None` where it
-    /// cannot be found.
+    /// The covariance with (3): that of an estimate made under the spread `weighed`, with the bands that this is of; `None`
+    /// where it cannot be found.
     pub(super) fn of_estimate(
         &self,
         rows: &[EventRows<'_>],
-        (model, parameters): (&ComposedModel, &[f64]),
+        bands: &Bands,
         weighed: &Scatter,
     ) -> Option<DMatrix<f64>> {
+        let (model, parameters) = (&bands.fit.model, bands.fit.parameters.as_slice());
         let random = random_effects(model, parameters, weighed);
         let count = self.slopes.len();
         let mut curvature = DMatrix::from_diagonal(&self.priors);

@@ -32,42 +32,53 @@ pub(super) const NARROWEST: [f64; 2] = [SHARES[0]; 2];
 /// apart: what is left is not independent from sample to sample.
 const TOLD_SHARE_OF_LEFT: f64 = 0.03;
 
-/// The narrowest shares of the spreads under which the events are about as likely (1) as under the best ones,
-/// with the parameters of `fit`. `None` where they cannot be simulated.
-pub(super) fn sufficient(
-    rows: &[EventRows<'_>],
-    fit: &ComposedFit,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Option<[f64; 2]> {
-    let tried = likelihoods(rows, fit, options, cancel)?;
-    let by_likelihood = |a: &&Likelihood, b: &&Likelihood| {
-        a.minus_twice_logarithm.total_cmp(&b.minus_twice_logarithm)
-    };
-    let best = tried.iter().min_by(by_likelihood)?;
-    let most = best.minus_twice_logarithm + TOLD_SHARE_OF_LEFT * best.squares;
-    let enough = tried.iter().find(|t| t.minus_twice_logarithm <= most)?;
-    Some(enough.shares)
+/// How likely the events are under every pair of shares, that of the composition varying slowest.
+pub(super) struct Spreads {
+    tried: Vec<Likelihood>,
+    /// `T`.
+    persistence: f64,
 }
 
-/// The shares of both spreads that the events show (3): all alike likely where no event says anything of them. `None` where
-/// they cannot be simulated.
-pub(super) fn shown(
-    rows: &[EventRows<'_>],
-    fit: &ComposedFit,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Option<[f64; 2]> {
-    let tried = likelihoods(rows, fit, options, cancel)?;
-    let persistence = fit.chi_square_per_row().max(1.0);
-    let least = (tried.iter()).fold(f64::INFINITY, |least, t| t.restricted.min(least));
-    let weight = |t: &Likelihood| (-0.5 * (t.restricted - least) / persistence).exp();
-    let all: f64 = tried.iter().map(weight).sum();
-    let mean = |which: usize| {
-        let squares = tried.iter().map(|t| weight(t) * t.shares[which].powi(2));
-        (squares.sum::<f64>() / all).sqrt()
-    };
-    Some([mean(0), mean(1)])
+impl Spreads {
+    /// With the parameters of `fit`. `None` where they cannot be simulated.
+    pub(super) fn new(
+        rows: &[EventRows<'_>],
+        fit: &ComposedFit,
+        options: &ComposedFitOptions,
+        cancel: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Self> {
+        Some(Self {
+            tried: likelihoods(rows, fit, options, cancel)?,
+            persistence: fit.chi_square_per_row().max(1.0),
+        })
+    }
+
+    /// The narrowest shares under which the events are about as likely (1) as under the best ones.
+    pub(super) fn sufficient(&self) -> Option<[f64; 2]> {
+        let by_likelihood = |a: &&Likelihood, b: &&Likelihood| {
+            a.minus_twice_logarithm.total_cmp(&b.minus_twice_logarithm)
+        };
+        let best = self.tried.iter().min_by(by_likelihood)?;
+        let most = best.minus_twice_logarithm + TOLD_SHARE_OF_LEFT * best.squares;
+        let enough = self
+            .tried
+            .iter()
+            .find(|t| t.minus_twice_logarithm <= most)?;
+        Some(enough.shares)
+    }
+
+    /// The shares that the events show (3): all alike likely where no event says anything of them.
+    pub(super) fn shown(&self) -> [f64; 2] {
+        let restricted = self.tried.iter().map(|t| t.restricted);
+        let least = restricted.fold(f64::INFINITY, f64::min);
+        let weight = |t: &Likelihood| (-0.5 * (t.restricted - least) / self.persistence).exp();
+        let all: f64 = self.tried.iter().map(weight).sum();
+        let mean = |which: usize| {
+            let squares = (self.tried.iter()).map(|t| weight(t) * t.shares[which].powi(2));
+            (squares.sum::<f64>() / all).sqrt()
+        };
+        [mean(0), mean(1)]
+    }
 }
 
 /// How well a pair of shares explains the events.
@@ -80,7 +91,6 @@ struct Likelihood {
     squares: f64,
 }
 
-/// How likely the events are under every pair of shares, that of the composition varying slowest, with the parameters of `fit`.
 fn likelihoods(
     rows: &[EventRows<'_>],
     fit: &ComposedFit,

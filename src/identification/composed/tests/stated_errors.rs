@@ -8,7 +8,7 @@ use super::{
         fit, narrowed,
         quoted::quoted,
         rows::{EventRows, Scatter, random_effects},
-        spread,
+        spread::{NARROWEST, Spreads},
     },
     FREE, drawn_by, events,
     thresholds::steep_dips,
@@ -40,7 +40,8 @@ fn the_more_events_differ_the_larger_are_the_errors_that_are_stated() {
         let typical = model.typical();
         let wide = fit(&events, &model, &typical, &FREE, &options, &|| false).unwrap();
         let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-        let shown = spread::shown(&rows, &wide, &options, &|| false).unwrap();
+        let spreads = Spreads::new(&rows, &wide, &options, &|| false).unwrap();
+        let shown = spreads.shown();
         let published = narrowed(&events, &wide, &options, &|| false);
         let assumed = wide.standard_error(MOTOR_SHARE).unwrap();
         (
@@ -113,7 +114,7 @@ fn an_estimate_that_weighs_events_otherwise_errs_as_stated() {
     };
     // Next to no spread: the event with the deepest dip decides.
     let weighed = ComposedFitOptions {
-        scatter: options.scatter.times(spread::NARROWEST),
+        scatter: options.scatter.times(NARROWEST),
         ..options
     };
     let estimates: Vec<f64> = (0..DRAWS)
@@ -131,9 +132,8 @@ fn an_estimate_that_weighs_events_otherwise_errs_as_stated() {
     let wide = fit(&events, &model, &typical, &FREE, &options, &|| false).unwrap();
     let bands = bands(&rows, &wide, &options, &|| false);
     let quoted = quoted(&rows, &bands, &options, &|| false).unwrap();
-    let at = (&model, wide.parameters.as_slice());
     let of = |scatter: &Scatter| {
-        let covariance = quoted.of_estimate(&rows, at, scatter).unwrap();
+        let covariance = quoted.of_estimate(&rows, &bands, scatter).unwrap();
         covariance[(MOTOR_SHARE, MOTOR_SHARE)].sqrt()
     };
     let (stated, best) = (of(&weighed.scatter), of(&options.scatter));
