@@ -4,6 +4,7 @@
 use super::{
     extend::{Ground, Screened},
     fit::{ComposedFit, ComposedFitOptions, fit, unfitted},
+    from_mild::from_mild,
     refine::refine,
     rows::EventRows,
 };
@@ -26,7 +27,7 @@ const BAD_FIT: f64 = 2.5;
 /// Above this multiple a fit is not brought to its end.
 const NEAR: f64 = 10.0;
 /// Below this the mildest events count as fitted.
-const GOOD_FIT: f64 = 1.6;
+pub(super) const GOOD_FIT: f64 = 1.6;
 /// Shares of the events, mildest first, that are tried.
 const MILD_SHARES: [f64; 3] = [0.6, 0.4, 0.25];
 /// Calls of the objective in the search on the mild events.
@@ -281,10 +282,9 @@ impl Baseline {
             let own = own.map(|fit| refine(few, fit, effect, options, cancel));
             if all.chi_square_per_row() > BENT {
                 // What the mild events have may lead where all of them did not.
-                let from = values_of(own.as_ref().unwrap_or(fit), &all.model, &all.parameters);
-                let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-                let begun = unfitted(&rows, &all.model, &from, &all.free, options, cancel);
-                let led = begun.map(|fit| refine(events, fit, effect, options, cancel));
+                let own = own.as_ref().unwrap_or(fit);
+                let whole = (&self.structure.with(effect)?, &all);
+                let led = from_mild(events, whole, own, options, cancel);
                 let least = all.minus_twice_log_posterior();
                 all = (led.filter(|fit| fit.minus_twice_log_posterior() < least)).unwrap_or(all);
             }
@@ -407,7 +407,7 @@ pub fn has_no_motor(fit: &ComposedFit) -> bool {
 }
 
 /// The vector of `model` with the values of `fit`, and `others` where it has none.
-fn values_of(fit: &ComposedFit, model: &ComposedModel, others: &[f64]) -> Vec<f64> {
+pub(super) fn values_of(fit: &ComposedFit, model: &ComposedModel, others: &[f64]) -> Vec<f64> {
     let own = model.parameters().iter().zip(others);
     let value = |(parameter, other): (&ModelParameter, &f64)| {
         let index = fit.model.index(&parameter.name);

@@ -407,7 +407,7 @@ impl Step<'_> {
     /// what was fitted before following, whichever leaves least. What a strong extrapolation does to a
     /// motor near its pull-out is not linear; what only shows while everything else stays where it was
     /// is nothing to follow. `None` where none can be simulated.
-    fn start(&self, candidate: &Candidate, base: &Base) -> Option<Vec<f64>> {
+    pub(super) fn start(&self, candidate: &Candidate, base: &Base) -> Option<Vec<f64>> {
         let score = &candidate.score;
         let at_rest = self.at(&score.shapes);
         let amplitudes = self.own(Parameter::is_amplitude);

@@ -15,6 +15,7 @@ mod distance;
 mod extend;
 mod fit;
 mod frequency_levels;
+mod from_mild;
 mod model;
 mod narrowed;
 mod no_value;

@@ -145,3 +145,68 @@ fn what_trips_is_found_beside_the_motor_of_its_kind() {
     };
     assert!(of_every_kind(&content).is_empty());
 }
+
+/// Motors that trip in the two deepest of five dips and come back, beside a recovery: fitted to all events together, a
+/// return at the wrong moment bends everything else to it.
+#[test]
+fn what_comes_back_is_found_in_one_deep_event_after_another() {
+    const RELAY: &str = "motor_undervoltage_trip";
+    let fewer = Structure::zip_im().with("exponential_recovery").unwrap();
+    let truth = ComposedModel::new(&fewer.with(RELAY).unwrap());
+    let place = |name: &str| truth.index(&format!("{RELAY}.{name}")).unwrap();
+    let mut parameters = truth.typical();
+    let own = [
+        ("share", 0.5),
+        ("trip_voltage", 0.72),
+        ("return_voltage", 0.85),
+        ("return_time_s", 0.31),
+    ];
+    for (name, value) in own {
+        parameters[place(name)] = value;
+    }
+    let dips = [
+        ("a", 0.93, 0.3),
+        ("b", 0.85, 0.1),
+        ("c", 0.78, 0.2),
+        ("d", 0.67, 0.12),
+        ("e", 0.6, 0.2),
+    ];
+    let windows = dips.map(|(name, depth, duration)| window(name, depth, duration));
+    let prepared = windows.map(|window| prepare(&window, &IntakeOptions::default()).unwrap());
+    let mut events = drawn_by(&truth, &parameters, &prepared);
+    for event in &mut events {
+        // A noise of 0.2 % of P0.
+        let deviations = event.active_deviation.iter_mut();
+        for deviation in deviations.chain(&mut event.reactive_deviation) {
+            *deviation *= 3.0;
+        }
+    }
+    let mild = &events[..3];
+    let options = ComposedFitOptions::default();
+    let model = ComposedModel::new(&fewer);
+    let free: Vec<usize> = (0..model.parameters().len()).collect();
+    let fitted = |events: &[PreparedEvent]| {
+        fit(events, &model, &model.typical(), &free, &options, &|| false).unwrap()
+    };
+    let base = Baseline {
+        structure: fewer.clone(),
+        ordinary: None,
+        all: fitted(&events),
+        mild: Some((mild.to_vec(), fitted(mild))),
+    };
+    // All events, begun where the motors come back late.
+    let mut late = parameters.clone();
+    late[place("return_time_s")] = 0.6;
+    let all: Vec<usize> = (0..truth.parameters().len()).collect();
+    let coarse = options.coarse();
+    let bent = fit(&events, &truth, &late, &all, &coarse, &|| false).unwrap();
+    let from_all = refine(&events, bent.clone(), RELAY, &options, &|| false);
+    let found = base.completed(&events, bent, RELAY, &options, &|| false);
+    let found = found.unwrap().all;
+    let [left, before] = [&found, &from_all].map(ComposedFit::chi_square_per_row);
+    assert!(20.0 * left < before, "{left} {before}");
+    for (name, value) in own {
+        let found = found.parameters[place(name)];
+        assert!((found - value).abs() < 0.1 * value, "{name} {found}");
+    }
+}
