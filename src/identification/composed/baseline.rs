@@ -280,14 +280,11 @@ impl Baseline {
             let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
             let own = ground.refit(&ground.screen(effect)?, f64::INFINITY);
             let own = own.map(|fit| refine(few, fit, effect, options, cancel));
-            if all.chi_square_per_row() > BENT {
-                // What the mild events have may lead where all of them did not.
-                let own = own.as_ref().unwrap_or(fit);
-                let whole = (&self.structure.with(effect)?, &all);
-                let led = from_mild(events, whole, own, options, cancel);
-                let least = all.minus_twice_log_posterior();
-                all = (led.filter(|fit| fit.minus_twice_log_posterior() < least)).unwrap_or(all);
-            }
+            // What the mild events have may lead where all of them did not.
+            let whole = (&self.structure.with(effect)?, &all);
+            let led = from_mild(events, whole, own.as_ref().unwrap_or(fit), options, cancel);
+            let least = all.minus_twice_log_posterior();
+            all = (led.filter(|fit| fit.minus_twice_log_posterior() < least)).unwrap_or(all);
             // What does not show in the mild events leaves their fit as it is.
             mild = Some((few.clone(), own.unwrap_or_else(|| fit.clone())));
         }
