@@ -24,6 +24,8 @@ use crate::{
 
 /// Above this multiple of the noise (squared, per row) the mildest events are fitted by themselves.
 const BAD_FIT: f64 = 2.5;
+/// Below this a fit to all events is not begun anew at what the mildest have.
+const FOLLOWED: f64 = 1.0;
 /// Above this multiple a fit is not brought to its end.
 const NEAR: f64 = 10.0;
 /// Below this the mildest events count as fitted.
@@ -272,21 +274,19 @@ impl Baseline {
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, StructureError> {
         let (mut mild, mut all) = (None, all);
-        let bad = self
-            .mild
-            .as_ref()
-            .filter(|_| all.chi_square_per_row() > BAD_FIT);
-        if let Some((few, fit)) = bad {
+        let left = all.chi_square_per_row();
+        if let Some((few, fit)) = self.mild.as_ref().filter(|_| left > FOLLOWED) {
             let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
             let own = ground.refit(&ground.screen(effect)?, f64::INFINITY);
             let own = own.map(|fit| refine(few, fit, effect, options, cancel));
+            // What does not show in the mild events leaves their fit as it is.
+            let own = own.unwrap_or_else(|| fit.clone());
             // What the mild events have may lead where all of them did not.
             let whole = (&self.structure.with(effect)?, &all);
-            let led = from_mild(events, whole, own.as_ref().unwrap_or(fit), options, cancel);
+            let led = from_mild(events, whole, &own, options, cancel);
             let least = all.minus_twice_log_posterior();
             all = (led.filter(|fit| fit.minus_twice_log_posterior() < least)).unwrap_or(all);
-            // What does not show in the mild events leaves their fit as it is.
-            mild = Some((few.clone(), own.unwrap_or_else(|| fit.clone())));
+            mild = (left > BAD_FIT).then(|| (few.clone(), own));
         }
         Ok(Self {
             structure: self.structure.with(effect)?,
