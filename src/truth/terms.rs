@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 
 use super::{
-    Effect, HiddenEffect, MotorCircuit, SyntheticSite,
+    Effect, HiddenEffect, MotorCircuit, SiteOptions, SyntheticSite,
     compose::{motor_groups, second_circuit},
 };
 
@@ -58,15 +58,7 @@ fn values_of(site: &SyntheticSite, hidden: &HiddenEffect) -> Option<Vec<(&'stati
                 ("X_prime", on_base.transient_reactance),
             ])
         }
-        Effect::MotorUndervoltageTrip => Some(vec![
-            (
-                "share",
-                options.motor_share * motor_groups(&options.effects).2,
-            ),
-            ("share_of_motors", own("share_of_motors")),
-            ("threshold_pu", own("threshold_pu")),
-            ("delay_s", own("delay_s")),
-        ]),
+        Effect::MotorUndervoltageTrip => Some(tripping_terms(options, hidden)),
         Effect::DoubleCageRotor => {
             Some(cage_terms(&options.motor, hidden, motors_pu, nominal_rad_s))
         }
@@ -87,6 +79,25 @@ fn values_of(site: &SyntheticSite, hidden: &HiddenEffect) -> Option<Vec<(&'stati
         Effect::RatioPhaseError => Some(vec![("angle_rad", -own("angle_deg").to_radians())]),
         _ => None,
     }
+}
+
+/// The relay, and the parameters of the motors that it is to act on: an estimator has those that trip and those that stay
+/// as one motor.
+fn tripping_terms(options: &SiteOptions, hidden: &HiddenEffect) -> Vec<(&'static str, f64)> {
+    let (staying, _, tripping) = motor_groups(&options.effects);
+    let motors_pu = options.active_pu * options.motor_share * (staying + tripping);
+    let nominal_rad_s = TAU * options.site.nominal_hz;
+    let on_base = options.motor.on_load_base(motors_pu, nominal_rad_s);
+    vec![
+        ("share", options.motor_share * tripping),
+        ("share_of_motors", hidden.value("share_of_motors")),
+        ("threshold_pu", hidden.value("threshold_pu")),
+        ("delay_s", hidden.value("delay_s")),
+        ("M", on_base.inertia),
+        ("T0_prime", on_base.transient_open_circuit_time_constant_s),
+        ("X", on_base.reactance),
+        ("X_prime", on_base.transient_reactance),
+    ]
 }
 
 /// Reactances and time constants of two rotor circuits in parallel (Kundur, 1994, section 4.2).
@@ -126,6 +137,7 @@ fn exponent(hidden: &HiddenEffect) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measurement::Site;
 
     #[test]
     fn two_cages_have_the_reactances_computed_by_hand() {
@@ -153,5 +165,36 @@ mod tests {
         for ((name, value), expected) in terms.iter().zip(expected) {
             assert!((value - expected).abs() < 1e-6, "{name} {value} {expected}");
         }
+    }
+    #[test]
+    fn motors_that_trip_belong_to_the_motor_that_an_estimator_has() {
+        let effects = [
+            (Effect::MotorUndervoltageTrip, "0.5"),
+            (Effect::SecondMotor, "0.2"),
+        ];
+        let effects = effects.map(|(effect, share)| {
+            let mut hidden = HiddenEffect::drawn(effect, 1);
+            hidden.set("share_of_motors", share).unwrap();
+            hidden
+        });
+        let site = Site {
+            name: "synthetic".to_owned(),
+            s_base_mva: 200.0,
+            v_base_kv: 23.0,
+            nominal_hz: 60.0,
+        };
+        let options = SiteOptions {
+            effects: effects.to_vec(),
+            ..SiteOptions::new(site, 1)
+        };
+        let terms = tripping_terms(&options, &options.effects[0]);
+        let term = |name| terms.iter().find(|(own, _)| *own == name).unwrap().1;
+        // Half of the four fifths that are no second motors trip.
+        assert!((term("share") - 0.4 * options.motor_share).abs() < 1e-12);
+        // Reactances go with one over the power that all of these draw: X_s + X_m on the rating.
+        let motor = &options.motor;
+        let rating = options.active_pu * options.motor_share * 0.8 / motor.load_factor;
+        let reactance = (motor.stator_reactance + motor.magnetising_reactance) / rating;
+        assert!((term("X") - reactance).abs() < 1e-9 * reactance);
     }
 }
