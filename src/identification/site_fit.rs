@@ -2,7 +2,10 @@
 
 use super::{
     Cost, IdentificationError, IdentificationOptions, OperatingPoint, ReactiveTrend,
-    composed::{ComposedFit, ComposedFitOptions, ComposedLoad, baseline, narrowed, without_value},
+    composed::{
+        Baseline, ComposedFit, ComposedFitOptions, ComposedLoad, baseline, in_order_of,
+        left_of_alike, narrowed, refine, without_value,
+    },
     edge_timing::{align, kept_between},
     evaluate::EventModel,
     fit::{BestOnly, Fit, FitSolution, SearchOptions, check, fit},
@@ -15,6 +18,9 @@ use super::{
     turns::Turns,
 };
 use crate::{disturbance::Window, load_model::Structure};
+
+/// Above this multiple of the noise (squared, per row) effects are added in other orders, too.
+const FOLLOWED: f64 = 0.7;
 
 /// The fit of a site before anything is said of it.
 #[derive(Clone, Debug)]
@@ -167,7 +173,7 @@ pub(super) fn fit_site(
 }
 
 /// Adds what the plain path cannot simulate, effect after effect, to the search's best solution, and
-/// fits everything together.
+/// fits everything together. Where that does not follow the events, each of the effects is added last, too.
 fn compose(
     structure: &Structure,
     found: &Fit,
@@ -179,28 +185,65 @@ fn compose(
     if plain == *structure {
         return Ok(None);
     }
-    let failed = || {
-        if cancel() {
-            IdentificationError::Cancelled
-        } else {
-            IdentificationError::NoSolution
-        }
-    };
-    let best = found.solutions.first().ok_or_else(failed)?;
+    let no_solution = IdentificationError::NoSolution;
+    let best = found.solutions.first().ok_or(no_solution)?;
     let options = ComposedFitOptions::default();
-    let missing = structure.names().into_iter().filter(|n| !plain.contains(n));
-    let mut built = baseline(events, &plain, best, problem, &options, cancel).ok_or_else(failed)?;
+    let begun = baseline(events, &plain, best, problem, &options, cancel);
+    let begun = begun.ok_or_else(|| failed(cancel))?;
+    let mut missing = structure.names();
+    missing.retain(|name| !plain.contains(name));
+    let fit = built_up(&begun, &missing, events, &options, cancel)?.all;
+    let mut best = narrowed(events, &fit, &options, cancel);
+    let left = |fit: &ComposedFit| left_of_alike(events, fit, &options).unwrap_or(f64::INFINITY);
+    let relay = structure.effects().any(|e| e.threshold().is_some());
+    let newest = missing.last().cloned().unwrap_or_default();
+    for _ in 1..missing.len() {
+        if !relay || left(&best) < FOLLOWED {
+            break;
+        }
+        missing.rotate_left(1);
+        let other = match built_up(&begun, &missing, events, &options, cancel) {
+            Err(IdentificationError::Cancelled) => return Err(IdentificationError::Cancelled),
+            other => other.ok().map(|built| built.all),
+        };
+        let other = other.and_then(|fit| in_order_of(structure, &fit, events, &options, cancel));
+        let other = other.map(|fit| refine(events, fit, &newest, &options, cancel));
+        let other = other.map(|fit| narrowed(events, &fit, &options, cancel));
+        best = other
+            .filter(|other| left(other) < left(&best))
+            .unwrap_or(best);
+    }
+    Ok(Some(best))
+}
+
+/// `begun` with the `missing` effects, one after the other.
+fn built_up(
+    begun: &Baseline,
+    missing: &[String],
+    events: &[PreparedEvent],
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<Baseline, IdentificationError> {
+    let mut built = begun.clone();
     for effect in missing {
-        let next = built.with(events, &effect, &options, cancel)?;
-        built = next.ok_or_else(|| match failed() {
+        let next = built.with(events, effect, options, cancel)?;
+        built = next.ok_or_else(|| match failed(cancel) {
             IdentificationError::NoSolution => {
-                without_value(events, &built.structure, &built.all, &effect)
+                without_value(events, &built.structure, &built.all, effect)
                     .unwrap_or(IdentificationError::NoSolution)
             }
             other => other,
         })?;
     }
-    Ok(Some(narrowed(events, &built.all, &options, cancel)))
+    Ok(built)
+}
+
+fn failed(cancel: &(dyn Fn() -> bool + Sync)) -> IdentificationError {
+    if cancel() {
+        IdentificationError::Cancelled
+    } else {
+        IdentificationError::NoSolution
+    }
 }
 
 /// Fits again with the weights that the fit before gives the samples, until they settle: cheap local

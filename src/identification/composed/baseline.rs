@@ -245,14 +245,8 @@ impl Baseline {
         options: &ComposedFitOptions,
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Option<Self>, StructureError> {
-        let model = ComposedModel::new(&self.structure.with(effect)?);
-        let values = values_of(fit, &model, &model.typical());
-        let free = fit.free.iter();
-        let free = free.filter_map(|&index| model.index(&fit.model.parameters()[index].name));
-        let mut free: Vec<usize> = free.collect();
-        free.sort_unstable();
-        let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
-        let Some(begun) = unfitted(&rows, &model, &values, &free, options, cancel) else {
+        let structure = self.structure.with(effect)?;
+        let Some(begun) = in_order_of(&structure, fit, events, options, cancel) else {
             return Ok(None);
         };
         let all = refine(events, begun, effect, options, cancel);
@@ -274,6 +268,7 @@ impl Baseline {
         cancel: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, StructureError> {
         let (mut mild, mut all) = (None, all);
+        let structure = self.structure.with(effect)?;
         let left = all.chi_square_per_row();
         if let Some((few, fit)) = self.mild.as_ref().filter(|_| left > FOLLOWED) {
             let ground = Ground::new(few, &self.structure, &[fit], options, cancel);
@@ -282,14 +277,13 @@ impl Baseline {
             // What does not show in the mild events leaves their fit as it is.
             let own = own.unwrap_or_else(|| fit.clone());
             // What the mild events have may lead where all of them did not.
-            let whole = (&self.structure.with(effect)?, &all);
-            let led = from_mild(events, whole, &own, options, cancel);
+            let led = from_mild(events, (&structure, &all), &own, options, cancel);
             let least = all.minus_twice_log_posterior();
             all = (led.filter(|fit| fit.minus_twice_log_posterior() < least)).unwrap_or(all);
             mild = (left > BAD_FIT).then(|| (few.clone(), own));
         }
         Ok(Self {
-            structure: self.structure.with(effect)?,
+            structure,
             ordinary: ordinary(events, &all, options, cancel),
             all,
             mild,
@@ -401,6 +395,26 @@ pub fn has_no_motor(fit: &ComposedFit) -> bool {
         let (low, high) = (declaration.lower, declaration.upper);
         fit.parameters[index] <= low + NO_MOTOR * (high - low)
     })
+}
+
+/// `structure` with the values that `fit` has, typical ones where it has none, and free what is free there. `None` when they
+/// cannot be simulated.
+#[must_use]
+pub fn in_order_of(
+    structure: &Structure,
+    fit: &ComposedFit,
+    events: &[PreparedEvent],
+    options: &ComposedFitOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Option<ComposedFit> {
+    let model = ComposedModel::new(structure);
+    let values = values_of(fit, &model, &model.typical());
+    let free = fit.free.iter();
+    let free = free.filter_map(|&index| model.index(&fit.model.parameters()[index].name));
+    let mut free: Vec<usize> = free.collect();
+    free.sort_unstable();
+    let rows: Vec<EventRows<'_>> = events.iter().map(EventRows::new).collect();
+    unfitted(&rows, &model, &values, &free, options, cancel)
 }
 
 /// The vector of `model` with the values of `fit`, and `others` where it has none.

@@ -81,17 +81,25 @@ struct Held<'a> {
 }
 
 impl Held<'_> {
-    /// The values `at`, those of every relay as the events want them beside the others.
-    fn with_relays(&self, at: Vec<f64>) -> Vec<f64> {
+    /// The values `at`, those of every relay as the events want them beside the others. The mildest event that is not
+    /// followed says which is next, whatever their order in the structure.
+    fn with_relays(&self, mut at: Vec<f64>) -> Vec<f64> {
         let relays = self.structure.effects().filter(|e| e.threshold().is_some());
-        relays.fold(at, |at, relay| self.with_relay(&at, relay).unwrap_or(at))
+        let mut left: Vec<&'static dyn Effect> = relays.collect();
+        while let Some((place, values)) = self.next_relay(&at, &left) {
+            left.remove(place);
+            at = values;
+        }
+        at
     }
 
-    /// The values `at`, those of `relay` as the events want them beside the others. `None` where no event shows it.
-    fn with_relay(&self, at: &[f64], relay: &'static dyn Effect) -> Option<Vec<f64>> {
-        let (options, cancel) = (self.options, self.cancel);
-        let name = relay.declaration().name;
-        let fewer = self.structure.without(name).ok()?;
+    /// Which of the relays `left`, none of them in the model yet, comes next, and the values `at` with it. `None` where
+    /// every event is followed, none of the relays helps or none is left.
+    fn next_relay(&self, at: &[f64], left: &[&'static dyn Effect]) -> Option<(usize, Vec<f64>)> {
+        let mut fewer = self.structure.clone();
+        for relay in left {
+            fewer = fewer.without(relay.declaration().name).ok()?;
+        }
         let model = ComposedModel::new(&fewer);
         let whole = ComposedFit {
             parameters: at.to_vec(),
@@ -99,18 +107,8 @@ impl Held<'_> {
         };
         let others = values_of(&whole, &model, &model.typical());
         // Nothing is free: nothing follows.
-        let held = unfitted(self.rows, &model, &others, &[], options, cancel)?;
-        let shows = |(square, rows): (&f64, &EventRows<'_>)| *square > SHOWS * rows.count() as f64;
-        let first = held.squares.iter().zip(self.rows).position(shows)?;
-        let extended = ComposedModel::new(&fewer.with(name).ok()?);
-        let until = |last: usize| Step {
-            rows: &self.rows[..=last],
-            model: &extended,
-            effect: relay,
-            origin: &held,
-            options,
-            cancel,
-        };
+        let held = unfitted(self.rows, &model, &others, &[], self.options, self.cancel)?;
+        let first = (0..self.rows.len()).find(|event| self.shows(&held, *event))?;
         let lowest = self.lowest_pu[first];
         let above = if first == 0 {
             1.0
@@ -118,12 +116,59 @@ impl Held<'_> {
             self.lowest_pu[first - 1]
         };
         let voltages = BETWEEN.map(|share| lowest + share * (above - lowest));
-        let mut found = until(first).first_seen(voltages)?;
-        for last in first + 1..self.rows.len() {
-            let step = until(last);
-            found = step.alone(&found.parameters)?;
+        let seen = left.iter().enumerate().filter_map(|(place, relay)| {
+            let with = fewer.with(relay.declaration().name).ok()?;
+            let model = ComposedModel::new(&with);
+            let step = self.step(&held, &model, *relay, first);
+            Some((place, step.first_seen(voltages)?))
+        });
+        let (place, fit) = seen.min_by(|a, b| a.1.objective.total_cmp(&b.1.objective))?;
+        let found = self.through_deeper(&held, left[place], fit, left.len() > 1)?;
+        Some((place, values_of(&found, &self.all.model, at)))
+    }
+
+    /// `fit`, of a relay to the mildest events, fitted to one deeper event more at a time; where `others` may act there,
+    /// only as far as it follows.
+    fn through_deeper(
+        &self,
+        held: &ComposedFit,
+        relay: &'static dyn Effect,
+        fit: ComposedFit,
+        others: bool,
+    ) -> Option<ComposedFit> {
+        let mut found = fit;
+        for last in found.squares.len()..self.rows.len() {
+            let step = self.step(held, &found.model, relay, last);
+            let deeper = step.alone(&found.parameters)?;
+            if others && self.shows(&deeper, last) {
+                break;
+            }
+            found = deeper;
         }
-        Some(values_of(&found, &self.all.model, at))
+        Some(found)
+    }
+
+    /// `relay` added to the fit `held`, in the events up to `last`.
+    fn step<'s>(
+        &'s self,
+        held: &'s ComposedFit,
+        model: &'s ComposedModel,
+        relay: &'static dyn Effect,
+        last: usize,
+    ) -> Step<'s> {
+        Step {
+            rows: &self.rows[..=last],
+            model,
+            effect: relay,
+            origin: held,
+            options: self.options,
+            cancel: self.cancel,
+        }
+    }
+
+    /// Whether `event`, as `fit` leaves it, shows that something is missing.
+    fn shows(&self, fit: &ComposedFit, event: usize) -> bool {
+        fit.squares[event] > SHOWS * self.rows[event].count() as f64
     }
 }
 

@@ -32,7 +32,7 @@ mod threshold;
 #[cfg(test)]
 mod tests;
 
-pub use baseline::{Baseline, baseline, has_no_motor};
+pub use baseline::{Baseline, baseline, has_no_motor, in_order_of};
 pub use coordinates::Coordinates;
 pub use counts::dips;
 pub use distance::{Foretold, Open, answer};
@@ -42,9 +42,10 @@ pub use fit::{
     squares, with_own_composition,
 };
 pub use model::ComposedLoad;
-pub use narrowed::{narrowed, sufficient_scatter};
+pub use narrowed::{left_of_alike, narrowed, sufficient_scatter};
 pub use no_value::without_value;
 pub use refine::refine;
 pub use relay_walk::{is_bracketed, with_frequency_levels_of, with_levels_of};
 pub use rows::Scatter;
 pub use screening::Score;
+pub use spread::narrower_than;

@@ -107,13 +107,23 @@ pub(super) fn is_shared(
     [narrowest, widened]: [&ComposedFit; 2],
     options: &ComposedFitOptions,
 ) -> bool {
+    let [narrowest, widened] = [narrowest, widened].map(|fit| left_of_alike(events, fit, options));
+    let most = narrowest.map_or(f64::INFINITY, |narrowest| SHARED * narrowest);
+    widened.is_some_and(|widened| widened <= most)
+}
+
+/// Weighted squares that `fit` leaves of all events, per row, none of them differing from another. `None` where one cannot
+/// be simulated.
+#[must_use]
+pub fn left_of_alike(
+    events: &[PreparedEvent],
+    fit: &ComposedFit,
+    options: &ComposedFitOptions,
+) -> Option<f64> {
     let alike = options.scatter.times([0.0; 2]);
-    let left = |fit: &ComposedFit| {
-        let squares = squares(events, &fit.model, &fit.parameters, &alike)?;
-        Some(squares.iter().sum::<f64>())
-    };
-    let most = left(narrowest).map_or(f64::INFINITY, |narrowest| SHARED * narrowest);
-    left(widened).is_some_and(|widened| widened <= most)
+    let squares = squares(events, &fit.model, &fit.parameters, &alike)?;
+    let rows: usize = events.iter().map(PreparedEvent::rows).sum();
+    Some(squares.iter().sum::<f64>() / rows.max(1) as f64)
 }
 
 /// `fit` with the thresholds not free that stay where it has them.

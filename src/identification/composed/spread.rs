@@ -21,7 +21,7 @@ use super::{
     coordinates::Coordinates,
     covariance::Products,
     fit::{ComposedFit, ComposedFitOptions, Place},
-    rows::{EventRows, LINEAR_COUNT, random_effects},
+    rows::{EventRows, LINEAR_COUNT, Scatter, random_effects},
 };
 
 /// Shares of the assumed spread, narrowest first.
@@ -31,6 +31,12 @@ pub(super) const NARROWEST: [f64; 2] = [SHARES[0]; 2];
 /// Likelihoods that differ by less than this share of the weighted squares that are left are not told
 /// apart: what is left is not independent from sample to sample.
 const TOLD_SHARE_OF_LEFT: f64 = 0.03;
+
+/// Spreads narrower than `assumed`, the narrowest first.
+#[must_use]
+pub fn narrower_than(assumed: &Scatter) -> [Scatter; SHARES.len() - 1] {
+    std::array::from_fn(|i| assumed.times([SHARES[i]; 2]))
+}
 
 /// How likely the events are under every pair of shares, that of the composition varying slowest.
 pub(super) struct Spreads {

@@ -146,6 +146,44 @@ fn what_trips_is_found_beside_the_motor_of_its_kind() {
     assert!(of_every_kind(&content).is_empty());
 }
 
+/// Five dips, the first two of them mild, with P and Q of a model and a noise of 0.2 % of P0.
+fn five_dips(truth: &ComposedModel, parameters: &[f64]) -> Vec<PreparedEvent> {
+    let dips = [
+        ("a", 0.93, 0.3),
+        ("b", 0.85, 0.1),
+        ("c", 0.78, 0.2),
+        ("d", 0.67, 0.12),
+        ("e", 0.6, 0.2),
+    ];
+    let windows = dips.map(|(name, depth, duration)| window(name, depth, duration));
+    let prepared = windows.map(|window| prepare(&window, &IntakeOptions::default()).unwrap());
+    let mut events = drawn_by(truth, parameters, &prepared);
+    for event in &mut events {
+        let deviations = event.active_deviation.iter_mut();
+        for deviation in deviations.chain(&mut event.reactive_deviation) {
+            *deviation *= 3.0;
+        }
+    }
+    events
+}
+
+/// The fits of a structure to all `events` and to the `mild` first of them.
+fn fitted_to_mild(structure: &Structure, events: &[PreparedEvent], mild: usize) -> Baseline {
+    let model = ComposedModel::new(structure);
+    let free: Vec<usize> = (0..model.parameters().len()).collect();
+    let options = ComposedFitOptions::default();
+    let fitted = |events: &[PreparedEvent]| {
+        fit(events, &model, &model.typical(), &free, &options, &|| false).unwrap()
+    };
+    let mild = &events[..mild];
+    Baseline {
+        structure: structure.clone(),
+        ordinary: None,
+        all: fitted(events),
+        mild: Some((mild.to_vec(), fitted(mild))),
+    }
+}
+
 /// Motors that trip in the two deepest of five dips and come back, beside a recovery: fitted to all events together, a
 /// return at the wrong moment bends everything else to it.
 #[test]
@@ -164,39 +202,12 @@ fn what_comes_back_is_found_in_one_deep_event_after_another() {
     for (name, value) in own {
         parameters[place(name)] = value;
     }
-    let dips = [
-        ("a", 0.93, 0.3),
-        ("b", 0.85, 0.1),
-        ("c", 0.78, 0.2),
-        ("d", 0.67, 0.12),
-        ("e", 0.6, 0.2),
-    ];
-    let windows = dips.map(|(name, depth, duration)| window(name, depth, duration));
-    let prepared = windows.map(|window| prepare(&window, &IntakeOptions::default()).unwrap());
-    let mut events = drawn_by(&truth, &parameters, &prepared);
-    for event in &mut events {
-        // A noise of 0.2 % of P0.
-        let deviations = event.active_deviation.iter_mut();
-        for deviation in deviations.chain(&mut event.reactive_deviation) {
-            *deviation *= 3.0;
-        }
-    }
-    let mild = &events[..3];
-    let options = ComposedFitOptions::default();
-    let model = ComposedModel::new(&fewer);
-    let free: Vec<usize> = (0..model.parameters().len()).collect();
-    let fitted = |events: &[PreparedEvent]| {
-        fit(events, &model, &model.typical(), &free, &options, &|| false).unwrap()
-    };
-    let base = Baseline {
-        structure: fewer.clone(),
-        ordinary: None,
-        all: fitted(&events),
-        mild: Some((mild.to_vec(), fitted(mild))),
-    };
+    let events = five_dips(&truth, &parameters);
+    let base = fitted_to_mild(&fewer, &events, 3);
     // All events, begun where the motors come back late.
     let mut late = parameters.clone();
     late[place("return_time_s")] = 0.6;
+    let options = ComposedFitOptions::default();
     let all: Vec<usize> = (0..truth.parameters().len()).collect();
     let coarse = options.coarse();
     let bent = fit(&events, &truth, &late, &all, &coarse, &|| false).unwrap();
@@ -208,5 +219,48 @@ fn what_comes_back_is_found_in_one_deep_event_after_another() {
     for (name, value) in own {
         let found = found.parameters[place(name)];
         assert!((found - value).abs() < 0.1 * value, "{name} {found}");
+    }
+}
+
+/// Motors that trip in the two deepest of five dips and come back, beside a load that leaves in the third as well.
+#[test]
+fn of_two_relays_the_mildest_event_says_which_is_placed_first() {
+    const TRIP: &str = "motor_undervoltage_trip";
+    const LEAVES: &str = "self_disconnection";
+    let own = [
+        (TRIP, "share", 0.5),
+        (TRIP, "trip_voltage", 0.72),
+        (TRIP, "return_voltage", 0.85),
+        (TRIP, "return_time_s", 0.31),
+        (LEAVES, "share", 0.15),
+        (LEAVES, "voltage", 0.815),
+    ];
+    for [first, second] in [[TRIP, LEAVES], [LEAVES, TRIP]] {
+        let fewer = Structure::zip_im().with(first).unwrap();
+        let truth = ComposedModel::new(&fewer.with(second).unwrap());
+        let place = |effect: &str, name: &str| truth.index(&format!("{effect}.{name}")).unwrap();
+        let mut parameters = truth.typical();
+        for (effect, name, value) in own {
+            parameters[place(effect, name)] = value;
+        }
+        let events = five_dips(&truth, &parameters);
+        let base = fitted_to_mild(&fewer, &events, 2);
+        // All events, begun where the motors come back late and the load leaves with them.
+        let mut bent = parameters.clone();
+        bent[place(TRIP, "return_time_s")] = 0.6;
+        bent[place(LEAVES, "voltage")] = 0.7;
+        let options = ComposedFitOptions::default();
+        let all: Vec<usize> = (0..truth.parameters().len()).collect();
+        let coarse = options.coarse();
+        let bent = fit(&events, &truth, &bent, &all, &coarse, &|| false).unwrap();
+        let before = bent.chi_square_per_row();
+        let found = base.completed(&events, bent, second, &options, &|| false);
+        let found = found.unwrap().all;
+        let left = found.chi_square_per_row();
+        assert!(20.0 * left < before, "{first} first: {left} {before}");
+        for (effect, name, value) in own {
+            let found = found.parameters[place(effect, name)];
+            assert!((found - value).abs() < 0.1 * value, "{name} {found}");
+        }
     }
 }
