@@ -12,7 +12,7 @@ const SAMPLES_MIN: usize = 10;
 /// Weighted squares per sample of all judged events before they begin, the mean of each event and channel taken out;
 /// `None` where no event has so many samples.
 pub(super) fn left_before_events(case: &Case<'_>, fit: &ComposedFit) -> Option<f64> {
-    let scatter = &case.options.composed.scatter;
+    let scatter = &case.composed.scatter;
     let of_event = |event: &PreparedEvent| -> Vec<(f64, usize)> {
         let Some(curves) = with_own_composition(event, fit, scatter) else {
             return Vec::new();

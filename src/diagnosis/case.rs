@@ -12,7 +12,7 @@ use crate::{
     identification::{
         AlignedFit, ErrorSummary, FittedSite, FittedStructure, Identification, IdentificationError,
         ReactiveTrend,
-        composed::{self, Baseline, ComposedFit, ComposedLoad},
+        composed::{self, Baseline, ComposedFit, ComposedFitOptions, ComposedLoad, Scatter},
         conclude,
         edge_timing::align,
         evaluate::{Curves, EventModel, StaticModel, errors},
@@ -66,6 +66,8 @@ pub(super) struct Case<'a> {
     pub(super) site: &'a Site,
     pub(super) windows: &'a [Window],
     pub(super) options: &'a DiagnosisOptions,
+    /// How composed models are fitted: as `options` have it, or with less that varies from event to event.
+    pub(super) composed: ComposedFitOptions,
     pub(super) watcher: Watcher<'a>,
     /// Fitted and gating events, jumps aligned.
     pub(super) judged: Vec<PreparedEvent>,
@@ -128,6 +130,7 @@ impl<'a> Case<'a> {
             site,
             windows,
             options,
+            composed: options.composed,
             watcher,
             judged,
             gates,
@@ -139,6 +142,24 @@ impl<'a> Case<'a> {
             trend,
             narrowings: Narrowings::default(),
         })
+    }
+
+    /// The same events, between which no more varies than `scatter`.
+    pub(super) fn with_scatter(&self, scatter: Scatter) -> Self {
+        Self {
+            composed: ComposedFitOptions {
+                scatter,
+                ..self.composed
+            },
+            judged: self.judged.clone(),
+            gates: self.gates.clone(),
+            untouched: self.untouched.clone(),
+            changes: self.changes.clone(),
+            refused: self.refused.clone(),
+            found: self.found.clone(),
+            narrowings: Narrowings::default(),
+            ..*self
+        }
     }
 
     /// Frames per second of the slowest event.
@@ -234,7 +255,7 @@ impl<'a> Case<'a> {
         structure: &Structure,
         fit: &ComposedFit,
     ) -> Result<Baseline, IdentificationError> {
-        let (options, cancel) = (&self.options.composed, self.watcher.cancel);
+        let (options, cancel) = (&self.composed, self.watcher.cancel);
         self.built_up(structure, |built, effect| {
             self.watcher.check()?;
             let begun = built.with_fit(&self.judged, effect, fit, options, cancel)?;
@@ -258,7 +279,7 @@ impl<'a> Case<'a> {
             &plain,
             best,
             &self.problem,
-            &self.options.composed,
+            &self.composed,
             self.watcher.cancel,
         );
         let mut built = built.ok_or_else(|| self.failed())?;
@@ -277,12 +298,7 @@ impl<'a> Case<'a> {
         effect: &str,
     ) -> Result<Baseline, IdentificationError> {
         self.watcher.check()?;
-        let next = base.with(
-            &self.judged,
-            effect,
-            &self.options.composed,
-            self.watcher.cancel,
-        )?;
+        let next = base.with(&self.judged, effect, &self.composed, self.watcher.cancel)?;
         next.ok_or_else(|| match self.failed() {
             IdentificationError::NoSolution => self
                 .without_value(base, effect)
@@ -310,7 +326,7 @@ impl<'a> Case<'a> {
         fit: &ComposedFit,
     ) -> Result<Baseline, IdentificationError> {
         self.watcher.check()?;
-        let (options, cancel) = (&self.options.composed, self.watcher.cancel);
+        let (options, cancel) = (&self.composed, self.watcher.cancel);
         let found = base.with_fit(&self.judged, effect, fit, options, cancel)?;
         self.watcher.check()?;
         let Some(found) = found else {
@@ -333,7 +349,7 @@ impl<'a> Case<'a> {
         base: &Baseline,
         fit: &ComposedFit,
     ) -> Result<Option<Baseline>, IdentificationError> {
-        let (options, cancel) = (&self.options.composed, self.watcher.cancel);
+        let (options, cancel) = (&self.composed, self.watcher.cancel);
         let lower = base.lower_from(&self.judged, fit, options, cancel);
         self.watcher.check()?;
         Ok(lower)

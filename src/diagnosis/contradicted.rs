@@ -32,7 +32,7 @@ impl Case<'_> {
         }
         // What is quoted: the judged events at their narrowest. A wide spread would take in what is missing.
         let fit = self.narrowed(&round.asked.baseline.all);
-        let options = &self.options.composed;
+        let options = &self.composed;
         let scatter =
             composed::sufficient_scatter(&self.judged, &fit, options, self.watcher.cancel)
                 .unwrap_or(options.scatter);

@@ -16,7 +16,7 @@ const SHARE_MIN: f64 = 0.15;
 /// Most of a window is quiet: what acts for half a second in some of the events hardly shows in a misfit per
 /// sample. The composition that an event has for itself is taken out first.
 pub(super) fn departures(case: &Case<'_>, fit: &ComposedFit) -> Vec<String> {
-    let scatter = &case.options.composed.scatter;
+    let scatter = &case.composed.scatter;
     let of =
         |event: &PreparedEvent| Some(format!("{}: {}", event.id, departs(event, fit, scatter)?));
     let found: Vec<String> = case.judged.iter().filter_map(of).collect();

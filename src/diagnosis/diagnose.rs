@@ -13,7 +13,7 @@ use super::{
         Candidate, Diagnosis, DiagnosisCost, EffectWorth, EventSets, GeneralForm, Status,
         StructureErrors, Unexplained, Untestable,
     },
-    round::{Decision, Round, round},
+    round::{Decision, Round},
     separating::{Plain, Silent, ordinary, separated, would_show},
     trials::{Trial, amplitude as amplitude_of},
     unexplained,
@@ -90,9 +90,9 @@ fn of_the_load(asked: &Asked<'_>) -> Result<Diagnosis, IdentificationError> {
         if let Some(WithoutIt { case, round, .. }) = case.without_what_is_in_the_way(&base)? {
             return Ok(with_worth(&case, &round)?);
         }
-        let round = round(case, base)?;
+        let (round, closer) = case.round(&base)?;
         case.none_contradicts(&round)?;
-        Ok(with_worth(case, &round)?)
+        Ok(with_worth(closer.as_ref().unwrap_or(case), &round)?)
     })
 }
 
@@ -427,7 +427,7 @@ fn silent(case: &Case<'_>, round: &Round, ordinary: &[(Plain, PreparedEvent)]) -
         all.filter_map(|trial| untestable(round, trial)).unzip();
     let base = &round.base().baseline;
     let needed = DETECTABLE_ERRORS.powi(2) * round.base().chi_square().max(1.0);
-    let scatter = &case.options.composed.scatter;
+    let scatter = &case.composed.scatter;
     let fitted = (&base.structure, &base.all);
     let shows = would_show(ordinary, fitted, &amplitudes, needed, scatter);
     (silent.into_iter().zip(shows))

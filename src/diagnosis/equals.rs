@@ -44,15 +44,10 @@ pub(super) fn beside_companions(
             &case.judged,
             alone.clone(),
             name,
-            &case.options.composed,
+            &case.composed,
             case.watcher.cancel,
         )?;
-        let beside = with.extended(
-            &case.judged,
-            companion,
-            &case.options.composed,
-            case.watcher.cancel,
-        )?;
+        let beside = with.extended(&case.judged, companion, &case.composed, case.watcher.cancel)?;
         case.watcher.check()?;
         let lower = beside.filter(|fit| fit.criterion() < alone.criterion());
         fits.push((place, lower.unwrap_or(alone)));

@@ -117,7 +117,7 @@ impl Case<'_> {
         if let Some(known) = self.narrowings.known(fit, None) {
             return known;
         }
-        let options = &self.options.composed;
+        let options = &self.composed;
         let found = composed::narrowed(&self.judged, fit, options, self.watcher.cancel);
         self.remembered(fit, None, found)
     }
@@ -144,7 +144,7 @@ impl Case<'_> {
         if let Some(known) = self.narrowings.known(fit, gates) {
             return Ok(known);
         }
-        let options = &self.options.composed;
+        let options = &self.composed;
         let fitted = self.part(false);
         let narrowed =
             |own: ComposedFit| composed::narrowed(&fitted, &own, options, self.watcher.cancel);
@@ -161,9 +161,9 @@ impl Case<'_> {
             return None;
         }
         let gate = self.part(true);
-        let scatter = &self.options.composed.scatter;
+        let scatter = &self.composed.scatter;
         let squares = self
-            .without_gate(fit, &self.options.composed.coarse())
+            .without_gate(fit, &self.composed.coarse())
             .and_then(|fit| composed::squares(&gate, &fit.model, &fit.parameters, scatter));
         let rows: usize = gate.iter().map(PreparedEvent::rows).sum();
         Some(squares.map_or(f64::INFINITY, |s| {
@@ -211,7 +211,7 @@ impl Case<'_> {
                 .filter(|(_, held)| !**held)
                 .map(|(event, _)| event.clone())
                 .collect();
-            let own = self.unseen_by(&others, fit, &self.options.composed.coarse());
+            let own = self.unseen_by(&others, fit, &self.composed.coarse());
             let own = match own {
                 Some(own) => self.foretold(&own, held),
                 None => held
@@ -238,7 +238,7 @@ impl Case<'_> {
     /// Weighted squares per row that a fit leaves of each judged event that was `held` out of it, infinite where it has no
     /// response; none of the others.
     pub(super) fn foretold(&self, fit: &ComposedFit, held: &[bool]) -> Vec<Option<f64>> {
-        let scatter = &self.options.composed.scatter;
+        let scatter = &self.composed.scatter;
         let of = |event: &PreparedEvent| {
             let one = std::slice::from_ref(event);
             let squares = composed::squares(one, &fit.model, &fit.parameters, scatter);

@@ -33,7 +33,7 @@ pub(super) fn rivals_from_the_best(
     goal: Goal,
     list: &mut [Trial],
 ) -> Result<(), IdentificationError> {
-    let options = &case.options.composed;
+    let options = &case.composed;
     let cancel = case.watcher.cancel;
     let order = by_criterion(list);
     let Some(&best) = order.first() else {
@@ -74,7 +74,7 @@ pub(super) fn with_the_motor_of_another(
     goal: Goal,
     list: &mut [Trial],
 ) -> Result<(), IdentificationError> {
-    let options = &case.options.composed;
+    let options = &case.composed;
     let order = by_criterion(list);
     let without = |place: &usize| list[*place].fit.as_ref().is_none_or(has_no_motor);
     let Some(&best) = order.first().filter(|place| without(place)) else {
@@ -115,7 +115,7 @@ pub(super) fn from_other_motors(
     if chosen.is_empty() {
         return Ok(());
     }
-    let (options, cancel) = (&case.options.composed, case.watcher.cancel);
+    let (options, cancel) = (&case.composed, case.watcher.cancel);
     let motors = (base.baseline).motors_of_every_kind(&case.judged, options, cancel);
     if motors.is_empty() {
         return Ok(());
@@ -151,7 +151,7 @@ fn sketched_again<'t>(
     wanted: f64,
     trials: impl IntoIterator<Item = &'t mut Trial>,
 ) -> Result<(), IdentificationError> {
-    let (options, cancel) = (&case.options.composed, case.watcher.cancel);
+    let (options, cancel) = (&case.composed, case.watcher.cancel);
     let origins = [origin];
     let structure = &base.baseline.structure;
     let ground = Ground::new(&case.judged, structure, &origins, options, cancel);

@@ -9,7 +9,7 @@ use super::{
     longer_window::{self, shown},
     options::{DiagnosisOptions, Progress},
     outcome::{Diagnosis, Improvement, ImprovementStep, Status},
-    round::{Second, round},
+    round::Second,
     where_it_fails::failure,
     worse::{deciding, is_worse, rise_on_untouched},
     worth::{effects_of, is_superfluous, worth_of},
@@ -214,10 +214,12 @@ impl<'a> Stairs<'a> {
                 accompanied: None,
             });
         }
-        let round = round(self.case, self.at.clone())?;
+        let (round, closer) = self.case.round(&self.at)?;
         self.case.none_contradicts(&round)?;
         let asked = &round.asked.baseline;
-        if asked.all.minus_twice_log_posterior() < self.at.all.minus_twice_log_posterior() {
+        if closer.is_none()
+            && asked.all.minus_twice_log_posterior() < self.at.all.minus_twice_log_posterior()
+        {
             self.at = asked.clone();
             if let Some(last) = self.steps.pop() {
                 let step = self.step(&self.at, last.added, last.dropped, last.reason)?;
@@ -226,11 +228,14 @@ impl<'a> Stairs<'a> {
         }
         let first = round.decision.answer.first();
         let fit = first.and_then(|&place| round.trials[place].fit.clone());
+        // Its fits are not of this case.
+        let accompanied = round.accompanied.as_ref().filter(|_| closer.is_none());
+        let accompanied = accompanied.map(|with| with.baseline.clone());
         Ok(Seen {
-            diagnosis: report(self.case, &round)?,
+            diagnosis: report(closer.as_ref().unwrap_or(self.case), &round)?,
             fit,
             second: round.decision.second,
-            accompanied: round.accompanied.map(|with| with.baseline),
+            accompanied,
         })
     }
 

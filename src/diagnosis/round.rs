@@ -284,12 +284,7 @@ fn companions(case: &Case<'_>, base: &Baseline) -> Result<Option<Baseline>, Iden
             continue;
         }
         case.watcher.says(format!("fitting {name} beside it"), 0, 1);
-        let with = at.with(
-            &case.judged,
-            name,
-            &case.options.composed,
-            case.watcher.cancel,
-        )?;
+        let with = at.with(&case.judged, name, &case.composed, case.watcher.cancel)?;
         case.watcher.check()?;
         let gain = |with: &Baseline| with.all.criterion() - at.all.criterion();
         if let Some(with) = with.filter(|w| gain(w) < COMPANION_DELTA_BIC) {
@@ -448,7 +443,7 @@ fn pair(
             &case.judged,
             fit.clone(),
             list[first].name(),
-            &case.options.composed,
+            &case.composed,
             case.watcher.cancel,
         )?;
         let names = addable(&base.structure, case);

@@ -152,7 +152,7 @@ impl Case<'_> {
         let fits: Vec<&ComposedFit> = (list.iter())
             .filter_map(|trial| trial.fit.as_ref())
             .collect();
-        let (scatter, count) = (&self.options.composed.scatter, self.judged.len());
+        let (scatter, count) = (&self.composed.scatter, self.judged.len());
         let deviations = |fit: &ComposedFit| composition_deviations(&self.judged, fit, scatter);
         let of_best = fits.first().and_then(|fit| deviations(fit));
         let looked_at = of_best.is_some_and(|all| all.iter().any(|d| *d > DEVIATION_MAX));

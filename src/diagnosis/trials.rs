@@ -138,7 +138,7 @@ fn tried(
     goal: Goal,
     may_lower: bool,
 ) -> Result<Tried, IdentificationError> {
-    let options = &case.options.composed;
+    let options = &case.composed;
     let ground = (base.baseline).ground(&case.judged, options, case.watcher.cancel);
     let (mut list, screens) = screened(case, base, &ground, names)?;
     let rows = base.baseline.all.rows as f64;
@@ -352,7 +352,7 @@ fn refine(
                 number,
                 REFINED_MAX,
             );
-            let options = &case.options.composed.wanting(wanted);
+            let options = &case.composed.wanting(wanted);
             let cancel = case.watcher.cancel;
             fit = composed::refine(&case.judged, fit, trial.declaration.name, options, cancel);
             case.watcher.check()?;

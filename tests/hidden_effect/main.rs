@@ -14,6 +14,7 @@
 mod beside_a_companion;
 mod catalogue;
 mod changed_sets;
+mod closer;
 mod longer_windows;
 mod pairs;
 

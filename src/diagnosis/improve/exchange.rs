@@ -50,7 +50,7 @@ impl Stairs<'_> {
         old: &str,
         fewer: &Baseline,
     ) -> Result<Option<(String, Baseline)>, IdentificationError> {
-        let (case, options) = (self.case, &self.case.options.composed);
+        let (case, options) = (self.case, &self.case.composed);
         let cancel = case.watcher.cancel;
         let values = fewer.with_values_of(&case.judged, &self.at.all, options, cancel);
         // What `old` took of the deep dips may have led everything else astray: from where the mild ones have it, too.

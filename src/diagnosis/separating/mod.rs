@@ -140,7 +140,7 @@ pub(super) fn separated(
     let rivals: Option<Vec<Rival<'_>>> = (answer.iter())
         .map(|trial| {
             let (name, fit) = (trial.name(), trial.fit.as_ref()?);
-            let open = Open::of(&case.judged, fit, name, &case.options.composed.scatter);
+            let open = Open::of(&case.judged, fit, name, &case.composed.scatter);
             Some(Rival { name, fit, open })
         })
         .collect();
@@ -283,7 +283,7 @@ fn apart<'e>(
     let per_row = one.fit.chi_square_per_row();
     let with_it = squares + per_row * event.rows() as f64;
     let needed = told_apart(per_row, with_it, f64::INFINITY, &case.options.claim);
-    let scatter = &case.options.composed.scatter;
+    let scatter = &case.composed.scatter;
     let answer =
         |rival: &Rival<'_>| composed::answer(event, &rival.fit.model, &rival.fit.parameters);
     let answers = [answer(one)?, answer(other)?];
