@@ -112,12 +112,13 @@ impl Case<'_> {
         )
     }
 
-    /// The model of `fit` as it is quoted and published.
+    /// The model of `fit` as it is quoted and published: with what is assumed to vary between events, however closely they are
+    /// looked at.
     pub(super) fn narrowed(&self, fit: &ComposedFit) -> ComposedFit {
         if let Some(known) = self.narrowings.known(fit, None) {
             return known;
         }
-        let options = &self.composed;
+        let options = &self.options.composed;
         let found = composed::narrowed(&self.judged, fit, options, self.watcher.cancel);
         self.remembered(fit, None, found)
     }
@@ -144,7 +145,7 @@ impl Case<'_> {
         if let Some(known) = self.narrowings.known(fit, gates) {
             return Ok(known);
         }
-        let options = &self.composed;
+        let options = &self.options.composed;
         let fitted = self.part(false);
         let narrowed =
             |own: ComposedFit| composed::narrowed(&fitted, &own, options, self.watcher.cancel);
