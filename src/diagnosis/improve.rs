@@ -228,14 +228,11 @@ impl<'a> Stairs<'a> {
         }
         let first = round.decision.answer.first();
         let fit = first.and_then(|&place| round.trials[place].fit.clone());
-        // Its fits are not of this case.
-        let accompanied = round.accompanied.as_ref().filter(|_| closer.is_none());
-        let accompanied = accompanied.map(|with| with.baseline.clone());
         Ok(Seen {
             diagnosis: report(closer.as_ref().unwrap_or(self.case), &round)?,
             fit,
             second: round.decision.second,
-            accompanied,
+            accompanied: round.accompanied.map(|with| with.baseline),
         })
     }
 
