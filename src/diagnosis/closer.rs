@@ -10,7 +10,7 @@ use super::{
     round::{Round, round},
 };
 use crate::identification::composed::{
-    Baseline, ComposedFit, ComposedFitOptions, fit, in_order_of, narrower_than,
+    Baseline, ComposedFit, ComposedFitOptions, fit, narrower_than,
 };
 
 /// What is named in a closer round takes at least this share of the misfit of the fitted events: a little of what is left
@@ -53,14 +53,7 @@ impl<'a> Case<'a> {
         }
         let cancel = self.watcher.cancel;
         let shared = self.narrowed(&base.all);
-        let begun = in_order_of(
-            &base.structure,
-            &shared,
-            &self.judged,
-            &self.composed,
-            cancel,
-        )?;
-        let (model, from, free) = (&begun.model, &begun.parameters, &begun.free);
+        let (model, from, free) = (&shared.model, &shared.parameters, &shared.free);
         narrower_than(&self.composed.scatter)
             .iter()
             .find_map(|scatter| {

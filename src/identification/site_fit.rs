@@ -19,7 +19,8 @@ use super::{
 };
 use crate::{disturbance::Window, load_model::Structure};
 
-/// Above this multiple of the noise (squared, per row) effects are added in other orders, too.
+/// What the noise alone may leave (weighted squares per row, no event differing from another): where more is left effects
+/// are added in other orders, too.
 const FOLLOWED: f64 = 0.7;
 
 /// The fit of a site before anything is said of it.
@@ -185,8 +186,8 @@ fn compose(
     if plain == *structure {
         return Ok(None);
     }
-    let no_solution = IdentificationError::NoSolution;
-    let best = found.solutions.first().ok_or(no_solution)?;
+    let best = found.solutions.first();
+    let best = best.ok_or_else(|| failed(cancel))?;
     let options = ComposedFitOptions::default();
     let begun = baseline(events, &plain, best, problem, &options, cancel);
     let begun = begun.ok_or_else(|| failed(cancel))?;
@@ -202,6 +203,7 @@ fn compose(
             break;
         }
         missing.rotate_left(1);
+        // An order that leads nowhere leaves what the others led to.
         let other = match built_up(&begun, &missing, events, &options, cancel) {
             Err(IdentificationError::Cancelled) => return Err(IdentificationError::Cancelled),
             other => other.ok().map(|built| built.all),
