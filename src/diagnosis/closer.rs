@@ -7,7 +7,10 @@
 use super::{
     anew::Stop,
     case::Case,
-    round::{Round, round},
+    evidence::Evidence,
+    outcome::Status,
+    round::{COMPANIONS, Round, round},
+    trials::COMMON,
 };
 use crate::identification::composed::{
     Baseline, ComposedFit, ComposedFitOptions, fit, narrower_than,
@@ -30,18 +33,27 @@ impl<'a> Case<'a> {
         let Some(Closer { case, base: at }) = self.closer(base) else {
             return as_assumed();
         };
-        let told = self.told(&case, [&base.all, &at.all]);
-        match round(&case, at) {
-            Err(Stop::Failed(error)) if error.is_of_the_model() => as_assumed(),
-            Err(error) => Err(error),
-            Ok(round) if !stands_out(&round) => as_assumed(),
-            Ok(mut round) => {
-                if !round.decision.answer.is_empty() {
-                    round.decision.reasons.push(told);
-                }
-                Ok((round, Some(case)))
+        let mut closer = match round(&case, at.clone()) {
+            Err(Stop::Failed(error)) if error.is_of_the_model() => return as_assumed(),
+            closer => closer?,
+        };
+        let Some(first) = closer.names().first().copied() else {
+            return Ok((closer, Some(case)));
+        };
+        // The least that a model does otherwise than the load shows here, too.
+        if !takes_enough(&closer) || COMMON.contains(&first) {
+            return as_assumed();
+        }
+        let unlike_others = |e: &Evidence| e.stands_out(&self.options.claim);
+        if !COMPANIONS.contains(&first) && !first_evidence(&closer).is_some_and(unlike_others) {
+            let wide = round(self, base.clone())?;
+            if names_another(&wide, &closer) {
+                return Ok((wide, None));
             }
         }
+        let told = self.told(&case, [&base.all, &at.all]);
+        closer.decision.reasons.push(told);
+        Ok((closer, Some(case)))
     }
 
     /// The case with the narrowest spread between events under which a structure leaves no more than the noise may, and the
@@ -85,9 +97,23 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Whether a round names nothing, or something that takes enough of the misfit.
-fn stands_out(round: &Round) -> bool {
+/// Whether a round names an effect of the load, which every motor need not have, that a closer one does not have among
+/// its own. It shows whatever is taken to vary, and what the closer one names may be what that leaves.
+fn names_another(wide: &Round, closer: &Round) -> bool {
+    let (wide_names, closer_names) = (wide.names(), closer.names());
+    wide.decision.status == Status::MissingEffect
+        && !wide_names.iter().any(|name| COMPANIONS.contains(name))
+        && !wide_names.iter().any(|name| closer_names.contains(name))
+}
+
+/// What speaks for the first effect that a round names.
+fn first_evidence(round: &Round) -> Option<&Evidence> {
     let first = round.decision.answer.first();
-    let evidence = first.and_then(|&place| round.trials[place].evidence.as_ref());
-    evidence.is_none_or(|e| e.chi_square_after <= (1.0 - STANDS_OUT) * e.chi_square_before)
+    first.and_then(|&place| round.trials[place].evidence.as_ref())
+}
+
+/// Whether what a round names takes enough of the misfit.
+fn takes_enough(round: &Round) -> bool {
+    first_evidence(round)
+        .is_none_or(|e| e.chi_square_after <= (1.0 - STANDS_OUT) * e.chi_square_before)
 }

@@ -163,12 +163,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         .collect();
     let ordinary = ordinary(case);
     let candidates = candidates(case, round, &ordinary);
-    let answer_set: Vec<String> = round
-        .decision
-        .answer
-        .iter()
-        .map(|&i| round.trials[i].name().to_owned())
-        .collect();
+    let answer_set: Vec<String> = round.names().into_iter().map(str::to_owned).collect();
     let trials = || round.trials.iter();
     let unexplained = if round.decision.status == Status::UnknownEffect {
         let closest = &round.base().baseline;

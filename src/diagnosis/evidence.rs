@@ -35,11 +35,13 @@ pub(super) struct Evidence {
     /// What the criterion gains by the best other effect, over what it gains by this one; where this one leaves next to
     /// nothing of what that one leaves, the share of it.
     pub(super) runner_up: f64,
+    /// What the criterion gains by what every motor does more or less, where this effect resembles it; otherwise zero.
+    pub(super) common_gain: f64,
 }
 
 impl Evidence {
     /// Whether no other effect comes near.
-    fn stands_out(&self, options: &ClaimOptions) -> bool {
+    pub(super) fn stands_out(&self, options: &ClaimOptions) -> bool {
         self.runner_up <= options.distinct_runner_up
     }
 
@@ -197,12 +199,25 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
             evidence.amplitude_over_meaningful
         ));
     }
+    list.extend(as_every_motor_does(evidence, options));
     list.extend(
         evidence
             .gate
             .and_then(|gate| of_the_gate(evidence, gate, options)),
     );
     list
+}
+
+/// At the floor what every motor does shows as well: what gains no more than that is no other effect.
+fn as_every_motor_does(evidence: &Evidence, options: &ClaimOptions) -> Option<String> {
+    let ahead = -evidence.delta_bic - evidence.common_gain;
+    let alike = evidence.common_gain > 0.0 && ahead < options.delta_bic_min;
+    (alike && evidence.at_floor(options)).then(|| {
+        format!(
+            "what every motor does at another frequency gains {:.0} of the criterion, it {:.0}; a claim needs {:.0} more",
+            evidence.common_gain, -evidence.delta_bic, options.delta_bic_min
+        )
+    })
 }
 
 /// What the gate says against an effect.
@@ -263,6 +278,7 @@ pub(super) mod tests {
             at_bound: false,
             squares_after: 1000.0 * after,
             runner_up: 0.9,
+            common_gain: 0.0,
             in_turn: None,
             gate: Some(GateEvidence {
                 before: 12.0,
@@ -297,6 +313,29 @@ pub(super) mod tests {
         assert!(objections(&failed, &options)[0].contains("held-out"));
         let ungated = Evidence { gate: None, ..good };
         assert!(objections(&ungated, &options).is_empty());
+    }
+
+    #[test]
+    fn at_the_floor_a_claim_gains_more_than_what_every_motor_does() {
+        let options = ClaimOptions::default();
+        let gate = Some(GateEvidence {
+            before: 0.3,
+            after: 0.25,
+        });
+        let claim = |common_gain: f64, before: f64| Evidence {
+            chi_square_before: before,
+            gate,
+            common_gain,
+            ..evidence(-180.0, 0.25, true)
+        };
+        assert!(objections(&claim(140.0, 0.3), &options).is_empty());
+        let alike = objections(&claim(176.0, 0.3), &options);
+        assert!(
+            alike[0].contains("gains 176") && alike.len() == 1,
+            "{alike:?}"
+        );
+        assert!(objections(&claim(176.0, 0.8), &options).is_empty());
+        assert!(objections(&claim(0.0, 0.3), &options).is_empty());
     }
 
     #[test]

@@ -26,7 +26,7 @@ use crate::{
 /// trial has it. It is itself reported only when nothing else is.
 ///
 /// `frequency_scaled_power` is none: decision 0018.
-const COMPANIONS: [&str; 1] = ["stator_resistance"];
+pub(super) const COMPANIONS: [&str; 1] = ["stator_resistance"];
 /// A companion is kept when it lowers the criterion by this much.
 const COMPANION_DELTA_BIC: f64 = -10.0;
 /// A claim that leaves more than this share of the misfit is held against what the companions resemble.
@@ -69,6 +69,12 @@ impl Round {
     /// What the trials were added to.
     pub(super) fn base(&self) -> &Fitted {
         self.accompanied.as_ref().unwrap_or(&self.asked)
+    }
+
+    /// The answer set by name, best first.
+    pub(super) fn names(&self) -> Vec<&str> {
+        let answer = self.decision.answer.iter();
+        answer.map(|&place| self.trials[place].name()).collect()
     }
 }
 
