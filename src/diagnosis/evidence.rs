@@ -35,8 +35,8 @@ pub(super) struct Evidence {
     /// What the criterion gains by the best other effect, over what it gains by this one; where this one leaves next to
     /// nothing of what that one leaves, the share of it.
     pub(super) runner_up: f64,
-    /// What the criterion gains by what every motor does more or less, where this effect resembles it; otherwise zero.
-    pub(super) common_gain: f64,
+    /// How it changes P with the frequency, over what every motor does; none where it does not, or otherwise.
+    pub(super) times_every_motor: Option<f64>,
 }
 
 impl Evidence {
@@ -102,6 +102,9 @@ const CONFIRMED_RUNNER_UP: f64 = 1.25;
 const SILENT_SHARE: f64 = 0.02;
 /// Where they fall by this many times what a claim needs, they are not silent after all.
 const SILENT_FALLS: f64 = 2.0;
+
+/// A dependence on the frequency that is so many times that of every motor is one of its own.
+const MORE_THAN_EVERY_MOTOR: f64 = 1.5;
 
 /// A model that leaves less than this many times the floor is adequate.
 pub(super) const ADEQUATE_FLOORS: f64 = 2.0;
@@ -208,14 +211,14 @@ pub(super) fn objections(evidence: &Evidence, options: &ClaimOptions) -> Vec<Str
     list
 }
 
-/// At the floor what every motor does shows as well: what gains no more than that is no other effect.
+/// At the floor what every motor does at another frequency shows as well, and what is no more than that is no effect of its
+/// own.
 fn as_every_motor_does(evidence: &Evidence, options: &ClaimOptions) -> Option<String> {
-    let ahead = -evidence.delta_bic - evidence.common_gain;
-    let alike = evidence.common_gain > 0.0 && ahead < options.delta_bic_min;
+    let times = evidence.times_every_motor?;
+    let alike = (0.0..MORE_THAN_EVERY_MOTOR).contains(&times);
     (alike && evidence.at_floor(options)).then(|| {
         format!(
-            "what every motor does at another frequency gains {:.0} of the criterion, it {:.0}; a claim needs {:.0} more",
-            evidence.common_gain, -evidence.delta_bic, options.delta_bic_min
+            "P follows the frequency by it {times:.1} times as much as that of every motor does; a claim needs {MORE_THAN_EVERY_MOTOR} times"
         )
     })
 }
@@ -278,7 +281,7 @@ pub(super) mod tests {
             at_bound: false,
             squares_after: 1000.0 * after,
             runner_up: 0.9,
-            common_gain: 0.0,
+            times_every_motor: None,
             in_turn: None,
             gate: Some(GateEvidence {
                 before: 12.0,
@@ -316,26 +319,31 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn at_the_floor_a_claim_gains_more_than_what_every_motor_does() {
+    fn at_the_floor_a_dependence_on_the_frequency_is_more_than_that_of_every_motor() {
         let options = ClaimOptions::default();
         let gate = Some(GateEvidence {
             before: 0.3,
             after: 0.25,
         });
-        let claim = |common_gain: f64, before: f64| Evidence {
-            chi_square_before: before,
+        let claim = |times_every_motor, chi_square_before| Evidence {
+            chi_square_before,
             gate,
-            common_gain,
+            times_every_motor,
             ..evidence(-180.0, 0.25, true)
         };
-        assert!(objections(&claim(140.0, 0.3), &options).is_empty());
-        let alike = objections(&claim(176.0, 0.3), &options);
+        for named in [
+            claim(Some(2.0), 0.3),
+            claim(Some(-0.5), 0.3),
+            claim(None, 0.3),
+            claim(Some(0.9), 0.8),
+        ] {
+            assert!(objections(&named, &options).is_empty());
+        }
+        let alike = objections(&claim(Some(0.9), 0.3), &options);
         assert!(
-            alike[0].contains("gains 176") && alike.len() == 1,
+            alike.len() == 1 && alike[0].contains("0.9 times"),
             "{alike:?}"
         );
-        assert!(objections(&claim(176.0, 0.8), &options).is_empty());
-        assert!(objections(&claim(0.0, 0.3), &options).is_empty());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! the best refitted, and those that may be claimed held against the gate.
 
 use super::{
+    as_every_motor::times_every_motor,
     case::Case,
     claim::{reached_below, shows_no_part, told_apart, told_share_of_left},
     evidence::{Evidence, GateEvidence, is_refused_by_gate_alone, objections},
@@ -248,7 +249,7 @@ pub(super) fn wanted_beside_all(case: &Case<'_>, base: &Fitted, goal: Goal, list
 }
 
 /// What every motor does more or less: at the floor it needs what other effects need, however far it
-/// is ahead of them, and what resembles it must gain more.
+/// is ahead of them.
 pub(super) const COMMON: [&str; 1] = ["frequency_scaled_power"];
 
 /// Where an effect leaves less than this share of what the best other one leaves, that says how near the other comes, and
@@ -266,10 +267,6 @@ fn rank(list: &mut [Trial]) {
             evidence.map_or(f64::INFINITY, |e| e.chi_square_after)
         })
         .collect();
-    let common: Vec<(&[&str], f64)> = (list.iter().zip(&gains))
-        .filter(|(trial, _)| COMMON.contains(&trial.name()))
-        .map(|(trial, &gain)| (trial.declaration.resembles, gain))
-        .collect();
     for (place, trial) in list.iter_mut().enumerate() {
         let others = || (0..gains.len()).filter(|k| *k != place);
         let best = others().map(|k| gains[k]).fold(0.0, f64::max);
@@ -280,12 +277,9 @@ fn rank(list: &mut [Trial]) {
         } else {
             f64::INFINITY
         };
-        let name = trial.name();
-        let resembling = common.iter().filter(|(like, _)| like.contains(&name));
-        let common_gain = resembling.map(|(_, gain)| *gain).fold(0.0, f64::max);
+        let common = COMMON.contains(&trial.name());
         if let Some(evidence) = &mut trial.evidence {
-            evidence.common_gain = common_gain;
-            evidence.runner_up = if COMMON.contains(&name) {
+            evidence.runner_up = if common {
                 f64::INFINITY
             } else {
                 near.min(best / gains[place].max(f64::MIN_POSITIVE))
@@ -389,7 +383,7 @@ fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) 
         gate: None,
         in_turn: None,
         runner_up: 0.0,
-        common_gain: 0.0,
+        times_every_motor: times_every_motor(trial.name(), added),
     }
 }
 
