@@ -4,8 +4,8 @@ use crate::identification::composed::ComposedFit;
 
 /// Share of the motors in P0, which the parameters of every composed model have.
 const MOTOR_SHARE: &str = "motor_share";
-/// dQ/df of the motors' magnetising currents over P0, per unit: the prior of `frequency_scaled_power`, and its sigma more
-/// than once.
+/// dQ/df of the motors' magnetising currents over P0, per unit, at most: the prior of `frequency_scaled_power`, 0.2 with a
+/// deviation of 0.1, and three of these.
 const MAGNETISING_MOST: f64 = 0.5;
 
 /// dP/df of an effect over that of the motors, whose torque times frequency is their power (`P` in proportion to `f`), at

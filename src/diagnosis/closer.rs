@@ -40,7 +40,7 @@ impl<'a> Case<'a> {
         let Some(first) = closer.names().first().copied() else {
             return Ok((closer, Some(case)));
         };
-        // The least that a model does otherwise than the load shows here, too.
+        // Little shows here that is no effect: the model's own errors, and what every motor does.
         if !takes_enough(&closer) || COMMON.contains(&first) {
             return as_assumed();
         }
@@ -97,8 +97,8 @@ impl<'a> Case<'a> {
     }
 }
 
-/// Whether a round names an effect of the load, which every motor need not have, that a closer one does not have among
-/// its own. It shows whatever is taken to vary, and what the closer one names may be what that leaves.
+/// Whether a round names effects of the load, no companions, of which a closer one names none. They show whatever is taken
+/// to vary, and what the closer one names may be what they leave.
 fn names_another(wide: &Round, closer: &Round) -> bool {
     let (wide_names, closer_names) = (wide.names(), closer.names());
     wide.decision.status == Status::MissingEffect

@@ -35,7 +35,8 @@ pub(super) struct Evidence {
     /// What the criterion gains by the best other effect, over what it gains by this one; where this one leaves next to
     /// nothing of what that one leaves, the share of it.
     pub(super) runner_up: f64,
-    /// How it changes P with the frequency, over what every motor does; none where it does not, or otherwise.
+    /// How much P follows the frequency by it, over what it does by every motor; none where it is no dependence on the
+    /// frequency that could be taken for that.
     pub(super) times_every_motor: Option<f64>,
 }
 
@@ -218,7 +219,7 @@ fn as_every_motor_does(evidence: &Evidence, options: &ClaimOptions) -> Option<St
     let alike = (0.0..MORE_THAN_EVERY_MOTOR).contains(&times);
     (alike && evidence.at_floor(options)).then(|| {
         format!(
-            "P follows the frequency by it {times:.1} times as much as that of every motor does; a claim needs {MORE_THAN_EVERY_MOTOR} times"
+            "P follows the frequency by it {times:.1} times as much as by every motor; a claim needs {MORE_THAN_EVERY_MOTOR} times"
         )
     })
 }
