@@ -459,6 +459,7 @@ impl<'a> Case<'a> {
             trend: self.trend,
             refused: self.refused.clone(),
             composed: Some(fit),
+            exchanged: Vec::new(),
         };
         conclude(self.site, fitted_site, &self.options.identification)
     }

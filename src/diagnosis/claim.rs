@@ -1,6 +1,6 @@
 //! Which of the trials is declared, and what is not told from it: figures in, a decision out. No model here.
 
-use std::{cmp::Ordering, ops::RangeInclusive};
+use std::cmp::Ordering;
 
 use super::{
     evidence::{ADEQUATE_FLOORS, Evidence, objections},
@@ -84,15 +84,6 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
     let place = |i: &usize| order(&list[*i].0, list[*i].0.delta_bic, options);
     chosen.sort_by(|a, b| earlier(place(a), place(b)));
     chosen
-}
-
-/// Parts of an effect that are told from none and from the whole: thresholds are known to no more than that.
-const PARTS: RangeInclusive<f64> = 0.1..=0.9;
-
-/// Whether none of the lowest voltages of events lies clearly between `first` and `span` below it, where an effect acts
-/// in part, pu.
-pub(super) fn shows_no_part(first: f64, span: f64, mut lowest: impl Iterator<Item = f64>) -> bool {
-    !lowest.any(|voltage| PARTS.contains(&((first - voltage) / span)))
 }
 
 /// What decides the order of effects that are not told apart: see [`order`].
@@ -245,14 +236,6 @@ mod tests {
         assert_eq!(answer_set(&rivals(1.0), &options), [0, 1]);
         assert_eq!(answer_set(&rivals(0.7), &options), [0]);
         assert!(answer_set(&list[1..2], &options).is_empty());
-    }
-
-    #[test]
-    fn a_dip_shows_a_part_clearly_within_the_band_only() {
-        let shows_none = |lowest: &[f64]| shows_no_part(0.75, 0.05, lowest.iter().copied());
-        assert!(shows_none(&[0.9, 0.749, 0.702, 0.68]));
-        assert!(!shows_none(&[0.9, 0.72]));
-        assert!(shows_none(&[]));
     }
 
     #[test]

@@ -15,7 +15,7 @@ use super::{
     },
     round::{Decision, Round},
     separating::{Plain, Silent, ordinary, separated, would_show},
-    trials::{Trial, amplitude as amplitude_of},
+    trials::Trial,
     unexplained,
     where_it_fails::{failure, pooled},
     worth::{effects_of, superfluous_in_words, worth_of},
@@ -24,6 +24,7 @@ use crate::{
     disturbance::Window,
     identification::{
         FittedStructure, IdentificationError, composed_parameters, intake::PreparedEvent,
+        relay_edges::amplitude as amplitude_of,
     },
     load_model::{
         Structure,

@@ -1,7 +1,7 @@
 //! Which events are fitted, which decide, and which stay untouched.
 
 use super::options::EventSplit;
-use crate::identification::hold_out::{by_kind, inner_events};
+use crate::identification::hold_out::{by_kind, distance, inner_events};
 
 /// From this many events on, some stay untouched.
 const UNTOUCHED_FROM: usize = 8;
@@ -236,28 +236,6 @@ fn spread_over_depths(events: &[(&str, f64)], with_untouched: bool) -> Vec<Use> 
     uses
 }
 
-/// How far apart the neighbours of an event in depth are, or twice the one that there is.
-pub(super) fn distance(events: &[(&str, f64)], event: usize) -> f64 {
-    let own = events[event].1;
-    let apart = |other: usize| (events[other].1 - own).abs();
-    match neighbours(events, event).map(|other| other.map(apart)) {
-        [Some(below), Some(above)] => below + above,
-        [Some(one), None] | [None, Some(one)] => 2.0 * one,
-        [None, None] => f64::INFINITY,
-    }
-}
-
-/// The next deeper and the next milder event, where there are.
-pub(super) fn neighbours(events: &[(&str, f64)], event: usize) -> [Option<usize>; 2] {
-    let own = events[event].1;
-    let by_depth = |a: &usize, b: &usize| events[*a].1.total_cmp(&events[*b].1);
-    let others = || (0..events.len()).filter(|other| *other != event);
-    [
-        others().filter(|o| events[*o].1 <= own).max_by(by_depth),
-        others().filter(|o| events[*o].1 > own).min_by(by_depth),
-    ]
-}
-
 #[allow(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -356,8 +334,6 @@ mod tests {
         };
         exchange(&mut uses, &events, &[one]);
         assert_eq!(uses, [Use::Fit, Use::Untouched, Use::Gate, Use::Fit]);
-        assert_eq!(neighbours(&events, 1), [Some(3), Some(2)]);
-        assert_eq!(neighbours(&events, 0), [None, Some(1)]);
     }
 
     #[test]

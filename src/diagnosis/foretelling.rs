@@ -7,8 +7,9 @@ use super::{
 };
 use crate::identification::{
     IdentificationError,
-    composed::{self, ComposedFit, ComposedFitOptions, RISE_OF_LEFT},
+    composed::{self, ComposedFit, ComposedFitOptions, RISE_OF_LEFT, RelaySetting, SettingOf},
     intake::PreparedEvent,
+    relay_edges::{has_dip, longest_below_s, lowest_pu},
 };
 
 /// Of the events that an effect is asked to foretell at most this share may be left out.
@@ -65,10 +66,11 @@ impl Case<'_> {
         Some(held.unwrap_or(own))
     }
 
-    /// `own`, a fit to these events, fitted again with the voltages of its relays that the events leave open as they are in
-    /// `fit`: where one lies between a dip that operated a relay and one that did not, an event between them cannot be
-    /// foretold, and says nothing against the model. So with how long it has to last, where the events are followed as well
-    /// with the delays of `fit`. Of a relay that counts dips only events tell that have as many. `None` where none is open.
+    /// `own`, a fit to these events, fitted again with the voltages and delays of its relays that the events leave open as they
+    /// are in `fit`: where one lies between a dip that operated a relay and one that did not, by depth or by how long it
+    /// lasts, an event between them cannot be foretold, and says nothing against the model. So with all settings of such a
+    /// relay, where the events are followed as well with those of `fit`. Of a relay that counts dips only events tell that
+    /// have as many. `None` where none is open.
     fn open_levels_held(
         &self,
         events: &[PreparedEvent],
@@ -76,13 +78,14 @@ impl Case<'_> {
         fit: &ComposedFit,
         options: &ComposedFitOptions,
     ) -> Option<ComposedFit> {
-        let open = |[one, other]: [f64; 2], dip: f64| {
-            let tells = |e: &PreparedEvent| dip <= 1.0 || composed::dips(e) as f64 >= dip;
-            let between = |e: &PreparedEvent| {
-                let lowest = e.lowest_voltage * e.v0_pu;
-                one.min(other) < lowest && lowest < one.max(other)
+        let open = |setting: &RelaySetting| {
+            let [one, other] = setting.values;
+            let between = |value: f64| one.min(other) < value && value < one.max(other);
+            let shows = |e: &PreparedEvent| match setting.of {
+                SettingOf::Level => between(lowest_pu(e)),
+                SettingOf::PickUp { level_pu } => between(longest_below_s(e, level_pu)),
             };
-            !events.iter().any(|e| tells(e) && between(e))
+            !events.iter().any(|e| has_dip(e, setting.dip) && shows(e))
         };
         let starts = composed::with_levels_of(own, fit, open)?;
         let [levels, settings] = starts.map(|start| self.fitted_to(events, &start, options));

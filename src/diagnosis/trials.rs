@@ -4,7 +4,7 @@
 use super::{
     as_every_motor::times_every_motor,
     case::Case,
-    claim::{reached_below, shows_no_part, told_apart, told_share_of_left},
+    claim::{reached_below, told_apart, told_share_of_left},
     evidence::{Evidence, GateEvidence, is_refused_by_gate_alone, objections},
     further_starts::{from_other_motors, rivals_from_the_best, with_the_motor_of_another},
 };
@@ -13,9 +13,10 @@ use crate::{
         IdentificationError, ParameterEstimate,
         composed::{self, Baseline, ComposedFit, Ground, Score, Screened},
         composed_parameters,
+        relay_edges::{amplitude, lowest_pu, shows_no_part},
     },
     load_model::{
-        effect::{Declaration, Kind, Role},
+        effect::{Declaration, Kind},
         effects,
     },
 };
@@ -376,6 +377,7 @@ fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) 
         chi_square_after: added.chi_square_per_row(),
         unseen_span: unseen_span(case, trial.name(), added),
         amplitude_over_meaningful: value / meaningful,
+        amplitude_over_error: None,
         at_bound: composed_parameters(added, trial.name())
             .iter()
             .any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
@@ -385,6 +387,18 @@ fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) 
         runner_up: 0.0,
         times_every_motor: times_every_motor(trial.name(), added),
     }
+}
+
+/// The amplitude that is known best over its stated error; none where none has one.
+fn amplitude_over_error(declaration: &Declaration, estimates: &[ParameterEstimate]) -> Option<f64> {
+    let amplitudes = declaration.parameters.iter().filter(|p| p.is_amplitude());
+    let over_error = amplitudes.filter_map(|amplitude| {
+        let own = |e: &&ParameterEstimate| e.name.rsplit('.').next() == Some(amplitude.name);
+        let estimate = estimates.iter().find(own)?;
+        let error = estimate.standard_error.filter(|error| *error > 0.0)?;
+        Some((estimate.value - amplitude.neutral).abs() / error)
+    });
+    over_error.max_by(f64::total_cmp)
 }
 
 /// Whether an effect acts in parts between two voltages, and no event's lowest voltage shows a part.
@@ -398,7 +412,7 @@ fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool
         Some((first, span))
     });
     let lowest = case.judged.iter();
-    let lowest = lowest.map(|event| event.v0_pu * event.input.lowest_voltage());
+    let lowest = lowest.map(lowest_pu);
     band.is_some_and(|(first, span)| shows_no_part(first, span, lowest))
 }
 
@@ -435,6 +449,14 @@ fn hold_against_gate(
             evidence.in_turn = own.and_then(|own| case.in_turn(&base.baseline.all, own));
             case.watcher.check()?;
         }
+        if evidence.at_floor(options) && claimable(evidence) {
+            // As it would be published: what fits compete by states how well they know the corner they ended in.
+            let own = trial.fit.as_ref().map(|fit| case.narrowed(fit));
+            let estimates = own.map(|own| composed_parameters(&own, trial.declaration.name));
+            evidence.amplitude_over_error =
+                estimates.and_then(|own| amplitude_over_error(trial.declaration, &own));
+            case.watcher.check()?;
+        }
         if near.is_infinite() && claimable(evidence) {
             let (left, squares) = (evidence.chi_square_after, evidence.squares_after);
             let behind = told_apart(left, squares, -evidence.delta_bic, options);
@@ -454,22 +476,4 @@ fn at_wrong_end(declaration: &Declaration, estimate: &ParameterEstimate) -> bool
     declared.is_some_and(|p| {
         p.is_amplitude() && (estimate.value - p.neutral).abs() > 0.5 * (p.upper - p.neutral)
     })
-}
-
-/// The amplitude that is largest against the smallest meaningful one, and that one.
-pub(super) fn amplitude(declaration: &Declaration, fit: &ComposedFit) -> (f64, f64) {
-    let sizes = declaration.parameters.iter().filter_map(|p| {
-        let (Role::OneSidedAmplitude { meaningful } | Role::TwoSidedAmplitude { meaningful }) =
-            p.role
-        else {
-            return None;
-        };
-        let index = fit
-            .model
-            .index(&format!("{}.{}", declaration.name, p.name))?;
-        Some(((fit.parameters[index] - p.neutral).abs(), meaningful))
-    });
-    sizes
-        .max_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)))
-        .unwrap_or((0.0, 1.0))
 }

@@ -125,6 +125,30 @@ fn narrowest_gaps(depths: &[f64], count: usize, spacing: [usize; 2]) -> Option<V
     Some(places)
 }
 
+/// How far apart the neighbours of an event in depth are, or twice the one that there is.
+#[must_use]
+pub fn distance(events: &[(&str, f64)], event: usize) -> f64 {
+    let own = events[event].1;
+    let apart = |other: usize| (events[other].1 - own).abs();
+    match neighbours(events, event).map(|other| other.map(apart)) {
+        [Some(below), Some(above)] => below + above,
+        [Some(one), None] | [None, Some(one)] => 2.0 * one,
+        [None, None] => f64::INFINITY,
+    }
+}
+
+/// The next deeper and the next milder event, where there are.
+#[must_use]
+pub fn neighbours(events: &[(&str, f64)], event: usize) -> [Option<usize>; 2] {
+    let own = events[event].1;
+    let by_depth = |a: &usize, b: &usize| events[*a].1.total_cmp(&events[*b].1);
+    let others = || (0..events.len()).filter(|other| *other != event);
+    [
+        others().filter(|o| events[*o].1 <= own).max_by(by_depth),
+        others().filter(|o| events[*o].1 > own).min_by(by_depth),
+    ]
+}
+
 /// FNV-1a, 64 bits: the same on every machine and in every version of the program.
 #[must_use]
 pub fn stable_hash(text: &str) -> u64 {
@@ -221,6 +245,15 @@ mod tests {
         assert!(chosen.iter().any(|&i| i < 8));
         // 40 events, 13 of them: at most five places apart, and never neighbours.
         assert!(chosen.windows(2).all(|w| (2..=5).contains(&(w[1] - w[0]))));
+    }
+
+    #[test]
+    fn neighbours_are_the_next_in_depth() {
+        let events = [("a", 0.5), ("b", 0.6), ("c", 0.7), ("d", 0.6)];
+        assert_eq!(neighbours(&events, 1), [Some(3), Some(2)]);
+        assert_eq!(neighbours(&events, 0), [None, Some(1)]);
+        assert!((distance(&events, 2) - 0.2).abs() < 1e-12);
+        assert!(distance(&events[..1], 0).is_infinite());
     }
 
     #[test]

@@ -153,6 +153,7 @@ pub fn conclude(
     estimates.notes.extend(site_fit.robust_note());
     estimates.notes.extend(site_fit.best_only_note());
     estimates.notes.extend(site_fit.window_note());
+    estimates.notes.extend(site_fit.edge_notes());
     let evidence = Evidence {
         model,
         largest_change_fitted: largest_voltage_change(&fitted),

@@ -1,11 +1,12 @@
 //! The fit of a site from its windows: prepare, split, fit, and where asked for fit again robustly.
 
 use super::{
-    Cost, IdentificationError, IdentificationOptions, OperatingPoint, ReactiveTrend,
+    Cost, IdentificationError, IdentificationOptions, OperatingPoint, ReactiveTrend, Split,
     composed::{
         Baseline, ComposedFit, ComposedFitOptions, ComposedLoad, baseline, in_order_of,
         left_of_alike, narrowed, refine, without_value,
     },
+    edge_exchange::{Exchanges, Sets, at_edges, exchanged, exchanges},
     edge_timing::{align, kept_between},
     evaluate::EventModel,
     fit::{BestOnly, Fit, FitSolution, SearchOptions, check, fit},
@@ -47,6 +48,8 @@ pub struct FittedSite {
     /// The fit of the whole structure, where it has more than the plain path can simulate; `found`
     /// is then the search on its plain part.
     pub composed: Option<ComposedFit>,
+    /// Which held-out events were fitted after all, and why.
+    pub exchanged: Vec<String>,
 }
 
 impl FittedSite {
@@ -104,6 +107,14 @@ impl FittedSite {
         ))
     }
 
+    /// Which events changed places because they lie at the edge of a relay, and the held-out ones that still do.
+    pub(super) fn edge_notes(&self) -> Vec<String> {
+        let open = at_edges(self).into_iter();
+        let open = open
+            .map(|(event, why)| format!("{} {why}: its error says nothing of the model", event.id));
+        self.exchanged.iter().cloned().chain(open).collect()
+    }
+
     /// How many samples a robust fit all but set aside; none for an ordinary fit.
     pub(super) fn robust_note(&self) -> Option<String> {
         let (mut aside, mut used) = (0, 0);
@@ -142,7 +153,32 @@ pub(super) fn fit_site(
     if events.is_empty() {
         return Err(IdentificationError::NoUsableEvent { refused });
     }
-    let (fitted, held) = split(events, &options.split)?;
+    let sets = split(events, &options.split)?;
+    let mut done = fit_sets(sets.clone(), &structure, options, cancel)?;
+    if let Split::Share(_) = options.split
+        && let Some(Exchanges { moves, told }) = exchanges(&done)
+    {
+        // Once. Where the other events cannot be fitted, the first ones were.
+        match fit_sets(exchanged(sets, &moves), &structure, options, cancel) {
+            Ok(again) => {
+                done = FittedSite {
+                    exchanged: told,
+                    ..again
+                }
+            }
+            Err(IdentificationError::Cancelled) => return Err(IdentificationError::Cancelled),
+            Err(_) => {}
+        }
+    }
+    Ok(FittedSite { refused, ..done })
+}
+
+fn fit_sets(
+    (fitted, held): Sets,
+    structure: &Structure,
+    options: &IdentificationOptions,
+    cancel: &(dyn Fn() -> bool + Sync),
+) -> Result<FittedSite, IdentificationError> {
     let problem = options.problem;
     let begun = fit_aligned(fitted, problem, &options.search, cancel)?;
     let (aligned, measured) = match options.robust {
@@ -158,9 +194,9 @@ pub(super) fn fit_site(
         trend,
     } = aligned;
     let held = held.iter().map(|event| trend.applied_to(event)).collect();
-    let composed = compose(&structure, &found, &problem, &weighted, cancel)?;
+    let composed = compose(structure, &found, &problem, &weighted, cancel)?;
     Ok(FittedSite {
-        structure,
+        structure: structure.clone(),
         composed,
         problem,
         operating_point: median_operating_point(&measured),
@@ -169,7 +205,8 @@ pub(super) fn fit_site(
         measured,
         held,
         trend,
-        refused,
+        refused: Vec::new(),
+        exchanged: Vec::new(),
     })
 }
 

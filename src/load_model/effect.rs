@@ -273,6 +273,12 @@ pub trait Declared: Debug + Send + Sync {
         None
     }
 
+    /// Name of the shape that is how long the voltage has to stay below [`Self::threshold`], where what begins then goes on
+    /// whether or not it stays there, if there is one.
+    fn pick_up(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Names of threshold and span where the first is nothing but the voltage at which a band begins.
     fn band(&self) -> Option<[&'static str; 2]> {
         Some([self.threshold()?, self.span()?])

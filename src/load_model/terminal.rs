@@ -79,6 +79,29 @@ impl TerminalInput {
         lines.fold(f64::INFINITY, f64::min)
     }
 
+    /// The longest time in a row that the magnitude stays below a level, s; between grid points the magnitude is taken as
+    /// straight, so that a dip between two of them is not seen.
+    #[must_use]
+    pub fn longest_below_s(&self, level: f64) -> f64 {
+        let magnitude = |index: usize| self.real[index].hypot(self.imaginary[index]);
+        let interval_s = self.sample_interval_s / self.points_per_sample as f64;
+        let (mut longest, mut own) = (0.0_f64, 0.0);
+        for index in 1..self.real.len() {
+            let [from, to] = [magnitude(index - 1), magnitude(index)];
+            let at = (level - from) / (to - from);
+            match [from < level, to < level] {
+                [true, true] => own += interval_s,
+                [true, false] => {
+                    longest = longest.max(own + at * interval_s);
+                    own = 0.0;
+                }
+                [false, true] => own = (1.0 - at) * interval_s,
+                [false, false] => own = 0.0,
+            }
+        }
+        longest.max(own)
+    }
+
     /// The phasor at a fine grid point.
     pub(super) fn point(&self, index: usize) -> [f64; 2] {
         [self.real[index], self.imaginary[index]]
@@ -99,5 +122,22 @@ mod tests {
         (turned.real[last - 1], turned.imaginary[last - 1]) = (1.0, 0.0);
         (turned.real[last], turned.imaginary[last]) = (0.0, 1.0);
         assert!((turned.lowest_voltage() - 0.5_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_longest_time_below_a_level_is_that_of_one_dip() {
+        let mut input = a_dip(0.8, 0.0);
+        // From 0.5 s on 0.8, rising by 0.02 each second; at 0.75 s back to 0.93 and slowly on to 1.
+        let fine_s = input.sample_interval_s / input.points_per_sample as f64;
+        assert!((input.longest_below_s(0.9) - 0.25).abs() <= 2.0 * fine_s);
+        assert!((input.longest_below_s(0.802) - 0.1).abs() <= 2.0 * fine_s);
+        assert!(input.longest_below_s(0.8).abs() <= fine_s);
+        assert!(input.longest_below_s(2.0) > 1.0);
+        // A second, shorter dip changes nothing.
+        let last = input.real.len() - 1;
+        let short = (0.1 / fine_s) as usize;
+        input.real[last - short..=last].fill(0.7);
+        input.imaginary[last - short..=last].fill(0.0);
+        assert!((input.longest_below_s(0.9) - 0.25).abs() <= 2.0 * fine_s);
     }
 }

@@ -7,6 +7,7 @@ use super::{
 use loadmodeld::{
     diagnosis::{Status, diagnose},
     disturbance::Window,
+    identification::{IdentificationOptions, identify},
     truth::{Effect, StudyShape, generate, study_site},
 };
 
@@ -43,13 +44,7 @@ fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
     let mut made = study_site(11, 1, &shape(effect, 10, 5e-4)).unwrap();
     let before = with_by_hand(&made, &[]).last.events;
     let edge = before.untouched.first().unwrap();
-    // The relay acts between the lowest voltages of this event and of the next milder one.
-    let voltage = above(&made, edge);
-    let mut truth = made.options.clone();
-    truth.effects[0]
-        .set("threshold_pu", &voltage.to_string())
-        .unwrap();
-    made = generate(&truth, &mut |_| ()).unwrap();
+    made = with_relay_above(&made, edge);
     let found = with_by_hand(&made, &[effect.name()]);
     let after = &found.last.events;
     let told = (&before, after, &found.last.reasons);
@@ -70,6 +65,48 @@ fn an_untouched_event_at_the_edge_of_a_relay_decides_and_another_is_quoted() {
     }
     let errors = quoted_errors(&found);
     assert!(errors[1] < 0.5 * errors[0], "{errors:?}");
+}
+
+/// The truth with its relay between the lowest voltages of an event and of the next milder one.
+fn with_relay_above(made: &SyntheticSite, event: &str) -> SyntheticSite {
+    let mut truth = made.options.clone();
+    let voltage = above(made, event);
+    truth.effects[0]
+        .set("threshold_pu", &voltage.to_string())
+        .unwrap();
+    generate(&truth, &mut |_| ()).unwrap()
+}
+
+#[test]
+fn a_held_out_event_at_the_edge_of_a_relay_is_fitted_and_another_held_out() {
+    let effect = Effect::SelfDisconnection;
+    let made = study_site(11, 1, &shape(effect, 10, 5e-4)).unwrap();
+    let identified = |made: &SyntheticSite, effects: &[&str]| {
+        let names = effects.iter().map(|&name| name.to_owned());
+        let structure: Vec<String> = plain().into_iter().chain(names).collect();
+        let site = &made.options.site;
+        let options = IdentificationOptions::default();
+        identify(site, &windows(made), &structure, &options, &|| false)
+            .unwrap()
+            .set
+    };
+    let before = identified(&made, &[]).held_out_events;
+    let of = windows(&made);
+    let lowest = |id: &&String| lowest_pu(of.iter().find(|window| window.id == **id).unwrap());
+    let edge = before
+        .iter()
+        .min_by(|a, b| lowest(a).total_cmp(&lowest(b)))
+        .unwrap();
+    let after = identified(&with_relay_above(&made, edge), &[effect.name()]);
+    let told = (&before, &after.held_out_events, &after.notes);
+    assert!(after.fitted_events.contains(edge), "{told:?}");
+    let came = (after.held_out_events.iter()).filter(|event| !before.contains(event));
+    assert_eq!(came.count(), 1, "{told:?}");
+    assert_eq!(before.len(), after.held_out_events.len(), "{told:?}");
+    let says = |note: &String| note.starts_with(edge.as_str()) && note.contains(effect.name());
+    assert!(after.notes.iter().any(says), "{told:?}");
+    let errors = after.held_out.unwrap().error_to_noise;
+    assert!(errors < 2.0, "{errors} {told:?}");
 }
 
 #[test]

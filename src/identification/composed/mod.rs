@@ -30,7 +30,7 @@ mod spread;
 mod threshold;
 
 #[cfg(test)]
-mod tests;
+pub(in crate::identification) mod tests;
 
 pub use baseline::{Baseline, baseline, has_no_motor, in_order_of};
 pub use coordinates::Coordinates;
@@ -45,7 +45,9 @@ pub use model::ComposedLoad;
 pub use narrowed::{left_of_alike, narrowed, sufficient_scatter};
 pub use no_value::without_value;
 pub use refine::refine;
-pub use relay_walk::{is_bracketed, with_frequency_levels_of, with_levels_of};
+pub use relay_walk::{
+    RelaySetting, SettingOf, is_bracketed, with_frequency_levels_of, with_levels_of,
+};
 pub use rows::Scatter;
 pub use screening::Score;
 pub use spread::narrower_than;

@@ -116,30 +116,71 @@ fn by_frequency(parameter: &ModelParameter) -> bool {
     relay.is_some_and(|relay| !relay.frequency_thresholds().is_empty())
 }
 
-/// Starts for `fit`, some of whose levels of relays are `open` towards `other`, a fit of the same model: that one, these levels
-/// not free; and the same with all settings of these relays as they are there. `open` is asked with both levels and the dip
-/// at which the relay acts, counted from 1. None where no level is open.
+/// A setting of a relay in two fits of the same model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RelaySetting {
+    /// What it is in both, pu or s.
+    pub values: [f64; 2],
+    /// Which it is.
+    pub of: SettingOf,
+    /// The dip at which the relay acts, counted from 1.
+    pub dip: f64,
+}
+
+/// What a relay's setting sets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SettingOf {
+    /// A voltage.
+    Level,
+    /// How long the voltage has to stay below a level.
+    PickUp {
+        /// That level in the first fit, pu.
+        level_pu: f64,
+    },
+}
+
+/// Starts for `fit`, some of whose voltages and pick-up times of relays are `open` towards `other`, a fit of the same model:
+/// that one, these settings not free; and the same with all settings of these relays as they are there. None where none is
+/// open.
 #[must_use]
 pub fn with_levels_of(
     fit: &ComposedFit,
     other: &ComposedFit,
-    open: impl Fn([f64; 2], f64) -> bool,
+    open: impl Fn(&RelaySetting) -> bool,
 ) -> Option<[ComposedFit; 2]> {
     let parameters = fit.model.parameters();
     let is_open = |index: &usize| {
-        let parameter = &parameters[*index];
-        let is_level =
-            is_setting(parameter) && parameter.declaration.reference == Reference::Voltage;
-        let levels = [fit, other].map(|fit| fit.parameters[*index]);
-        is_level && open(levels, counted_dip(fit, parameter))
+        let of = setting_of(fit, &parameters[*index]);
+        of.is_some_and(|of| {
+            open(&RelaySetting {
+                values: [fit, other].map(|fit| fit.parameters[*index]),
+                of,
+                dip: counted_dip(fit, &parameters[*index]),
+            })
+        })
     };
-    let levels: Vec<usize> = fit.free.iter().copied().filter(is_open).collect();
+    let settings: Vec<usize> = fit.free.iter().copied().filter(is_open).collect();
     let is_of_them = |index: usize| {
-        let of_same = |level: &usize| parameters[*level].effect == parameters[index].effect;
-        is_setting(&parameters[index]) && levels.iter().any(of_same)
+        let of_same = |setting: &usize| parameters[*setting].effect == parameters[index].effect;
+        is_setting(&parameters[index]) && settings.iter().any(of_same)
     };
-    let held = held_as_in(fit, other, |index| levels.contains(&index))?;
+    let held = held_as_in(fit, other, |index| settings.contains(&index))?;
     Some([held, held_as_in(fit, other, is_of_them)?])
+}
+
+/// What a parameter of a fit sets of a relay; none where it is no voltage and no pick-up time.
+fn setting_of(fit: &ComposedFit, parameter: &ModelParameter) -> Option<SettingOf> {
+    if !is_setting(parameter) {
+        return None;
+    }
+    if parameter.declaration.reference == Reference::Voltage {
+        return Some(SettingOf::Level);
+    }
+    let relay = effects::find(parameter.effect?)?;
+    let is_pick_up = relay.pick_up() == Some(parameter.declaration.name);
+    let level = format!("{}.{}", parameter.effect?, relay.threshold()?);
+    let level_pu = fit.parameters[fit.model.index(&level)?];
+    is_pick_up.then_some(SettingOf::PickUp { level_pu })
 }
 
 /// A start for `fit`: `other`, a fit of the same model, the frequencies at which something switches not free; the

@@ -1,7 +1,7 @@
 //! Composed fits against the plain problem, and a known effect that is found again.
 
 use super::{
-    Baseline, ComposedFitOptions, Ground, fit, has_no_motor, narrowed,
+    Baseline, ComposedFitOptions, Ground, RelaySetting, SettingOf, fit, has_no_motor, narrowed,
     operating_point::at_operating_point,
     refine,
     rows::{EventRows, Scatter, random_effects},
@@ -63,7 +63,7 @@ fn window(name: &str, depth: f64, duration_s: f64) -> Window {
     }
 }
 
-pub(super) fn events() -> Vec<PreparedEvent> {
+pub(in crate::identification) fn events() -> Vec<PreparedEvent> {
     [("a", 0.85, 0.1), ("b", 0.6, 0.15), ("c", 0.75, 0.3)]
         .iter()
         .map(|(name, depth, duration)| {
@@ -367,7 +367,10 @@ fn a_level_that_no_event_bounds_is_that_of_the_other_fit() {
         own
     };
     let (one, other) = (with_level(0.7), with_level(0.78));
-    let open = |[one, other]: [f64; 2], dip: f64| one < 0.75 && other > 0.75 && dip <= 1.0;
+    let open = |setting: &RelaySetting| {
+        let [one, other] = setting.values;
+        setting.of == SettingOf::Level && one < 0.75 && other > 0.75 && setting.dip <= 1.0
+    };
     let [held, whole] = with_levels_of(&one, &other, open).expect("the level is open");
     for held in [&held, &whole] {
         assert!((held.parameters[at] - 0.78).abs() < 1e-12 && !held.free.contains(&at));
@@ -375,7 +378,13 @@ fn a_level_that_no_event_bounds_is_that_of_the_other_fit() {
     assert_eq!(held.free.len() + 1, one.free.len());
     let delay = one.model.index(&format!("{EFFECT}.trip_time_s")).unwrap();
     assert!(held.free.contains(&delay) && !whole.free.contains(&delay));
-    assert!(with_levels_of(&one, &other, |_, _| false).is_none());
+    assert!(with_levels_of(&one, &other, |_| false).is_none());
+    // So is how long the voltage has to be below it, by itself.
+    let of_delay = SettingOf::PickUp { level_pu: 0.7 };
+    let [held, whole] =
+        with_levels_of(&one, &other, |setting| setting.of == of_delay).expect("the delay is open");
+    assert!(held.free.contains(&at) && !held.free.contains(&delay));
+    assert!(!whole.free.contains(&at) && !whole.free.contains(&delay));
 }
 
 #[test]

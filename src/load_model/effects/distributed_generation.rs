@@ -119,6 +119,10 @@ impl Declared for DistributedGeneration {
         Some("voltage")
     }
 
+    fn pick_up(&self) -> Option<&'static str> {
+        Some("delay_s")
+    }
+
     fn span(&self) -> Option<&'static str> {
         Some("span")
     }

@@ -113,6 +113,10 @@ impl Declared for MotorUndervoltageTrip {
         Some("trip_voltage")
     }
 
+    fn pick_up(&self) -> Option<&'static str> {
+        Some("trip_time_s")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         // Motors that come back draw an inrush: at a wrong moment it is worse than none.
         let returns_s = [

@@ -110,6 +110,10 @@ impl Declared for SelfDisconnection {
         Some("voltage")
     }
 
+    fn pick_up(&self) -> Option<&'static str> {
+        Some("time_s")
+    }
+
     fn counts_dips(&self) -> Option<&'static str> {
         Some("dips")
     }

@@ -122,6 +122,10 @@ impl Declared for SinglePhaseAcStall {
         Some("stall_voltage")
     }
 
+    fn pick_up(&self) -> Option<&'static str> {
+        Some("stall_time_s")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         [5.0, 15.0]
             .map(|thermal_s| {
