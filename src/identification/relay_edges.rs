@@ -215,9 +215,13 @@ mod tests {
         let last = event.input.real.len();
         event.input.real.fill(1.0);
         event.input.imaginary.fill(0.0);
-        // The whole way down and up is half below whatever level lies between.
-        let count = (lasts_s / fine_s).round() as usize;
-        event.input.real[last / 2..last / 2 + count].fill(voltage);
+        let begins = last / 2;
+        let ends_s = begins as f64 * fine_s + lasts_s;
+        for (index, real) in event.input.real.iter_mut().enumerate().skip(begins) {
+            if (index as f64 * fine_s) < ends_s - 0.5 * fine_s {
+                *real = voltage;
+            }
+        }
         event.lowest_voltage = voltage;
         event
     }

@@ -134,10 +134,12 @@ mod tests {
         assert!(input.longest_below_s(0.8).abs() <= fine_s);
         assert!(input.longest_below_s(2.0) > 1.0);
         // A second, shorter dip changes nothing.
-        let last = input.real.len() - 1;
-        let short = (0.1 / fine_s) as usize;
-        input.real[last - short..=last].fill(0.7);
-        input.imaginary[last - short..=last].fill(0.0);
+        let end_s = input.real.len() as f64 * fine_s;
+        for index in 0..input.real.len() {
+            if index as f64 * fine_s > end_s - 0.1 {
+                (input.real[index], input.imaginary[index]) = (0.7, 0.0);
+            }
+        }
         assert!((input.longest_below_s(0.9) - 0.25).abs() <= 2.0 * fine_s);
     }
 }

@@ -88,8 +88,8 @@ fn at_the_floor_an_amplitude_is_known_better_than_its_error() {
     });
     let claim = |amplitude_over_error, chi_square_before| Evidence {
         chi_square_before,
-        gate,
         amplitude_over_error,
+        gate,
         ..evidence(-480.0, 0.38, true)
     };
     for named in [
