@@ -443,7 +443,7 @@ def disturbances(event):
     happens = [(round(time_s, 4), what) for time_s, what in happens]
     happens.sort(key=lambda pair: pair[0])
     lines = [f"{time_s:.4f} {what}" for time_s, what in happens]
-    return "\n".join(["0.000 CONTINUE SOLVER BD 0.005 0.0005 0. ABL", *lines, f"{event['end']:.3f} STOP", ""])
+    return "\n".join(["0.000 CONTINUE SOLVER BD 0.0005 0.0001 0. ABL", *lines, f"{event['end']:.3f} STOP", ""])
 
 
 def simulate(load, event, p_mw, q_mvar, fed_mw):
