@@ -22,7 +22,8 @@ pub struct FitArgs {
     /// Events to fit, by name; default: all that are not held out.
     #[arg(long, value_name = "EVENT,...", value_delimiter = ',')]
     pub train: Vec<String>,
-    /// Events to hold out, by name; default: a third, or none with --train.
+    /// Events to hold out, by name; default: a third, or none with --train. By default one at the edge of a relay of the model,
+    /// where the fitted events leave open whether it acts, changes places with a fitted one.
     #[arg(long, value_name = "EVENT,...", value_delimiter = ',')]
     pub hold_out: Vec<String>,
     /// Bounds the static shares of P to 0.1 to 0.9 and the motor share from 0.1, as the paper does.

@@ -1,9 +1,9 @@
 //! Untouched events at the edge of a relay: the others leave open whether it operates there.
 //!
-//! What a relay does to an event between a dip that operated it and one that did not, by depth or by duration, cannot be foretold, and such an event
-//! says nothing against a model that has the relay. By its voltages alone, whatever its response is, such an event changes
-//! places with a gating one: there a voltage or a delay that the fitted events leave open is that of all judged ones
-//! (`foretelling`).
+//! What a relay does to an event between a dip that operated it and one that did not, by depth or by how long it lasts,
+//! cannot be foretold, and such an event says nothing against a model that has the relay. By its voltages alone, whatever its
+//! response is, such an event changes places with a gating one: there a voltage or a delay that the fitted events leave open
+//! is that of all judged ones (`foretelling`).
 
 use super::{
     anew::Stop,
