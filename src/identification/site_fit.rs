@@ -160,11 +160,14 @@ pub(super) fn fit_site(
     {
         // Once. Where the other events cannot be fitted, the first ones were.
         match fit_sets(exchanged(sets, &moves), &structure, options, cancel) {
-            Ok(again) => {
+            Ok(mut again) => {
+                let (cost, spent) = (&mut again.found.cost, done.found.cost);
+                cost.simulations += spent.simulations;
+                cost.sensitivity_simulations += spent.sensitivity_simulations;
                 done = FittedSite {
                     exchanged: told,
                     ..again
-                }
+                };
             }
             Err(IdentificationError::Cancelled) => return Err(IdentificationError::Cancelled),
             Err(_) => {}
