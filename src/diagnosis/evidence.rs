@@ -110,7 +110,7 @@ const SILENT_FALLS: f64 = 2.0;
 const MORE_THAN_EVERY_MOTOR: f64 = 1.5;
 
 /// At the floor an amplitude is so many stated errors.
-const KNOWN_AMPLITUDE: f64 = 4.0;
+const KNOWN_AMPLITUDE: f64 = 3.0;
 
 /// A model that leaves less than this many times the floor is adequate.
 pub(super) const ADEQUATE_FLOORS: f64 = 2.0;

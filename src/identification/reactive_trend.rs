@@ -8,7 +8,8 @@
 //! capacitors:    d_z = d + Q0/P0,       d_i constant                     (2)
 //! ```
 //!
-//! so in either case `d_z` and `d_i` are lines over Q0/P0. Their slopes are estimated from what single events say of
+//! so in either case `d_z` and `d_i` are lines over Q0/P0, of the load behind it where there is a feeder or generation
+//! ([`SiteReference`]). Their slopes are estimated from what single events say of
 //! the two coefficients, by regression with a prior between (1) and (2); the scatter about the lines is
 //! estimated with them, by the greatest likelihood over a grid, as slopes are worth what it lets them be.
 //! `docs/decisions/0053-reactive-power-goes-with-q0.md` has what it brings.
@@ -20,7 +21,7 @@ use super::{
     between_events::{EventQ, event_q},
     fit::FitSolution,
     identify::median_operating_point,
-    intake::PreparedEvent,
+    intake::{PreparedEvent, SiteReference},
     joint_problem::ProblemOptions,
 };
 
@@ -34,11 +35,19 @@ const SCATTERS: [f64; 9] = [0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0, 8.0];
 const EVENTS_MIN: usize = 2;
 
 /// Names of a trend's numbers in parameter sets.
-const NAMES: [&str; 3] = ["Q0_over_P0", "d_z_by_Q0_over_P0", "d_i_by_Q0_over_P0"];
-const MEANINGS: [&str; 3] = [
+const NAMES: [&str; 5] = [
+    "Q0_over_P0",
+    "d_z_by_Q0_over_P0",
+    "d_i_by_Q0_over_P0",
+    "site_V0",
+    "site_P0",
+];
+const MEANINGS: [&str; 5] = [
     "Q0/P0 at which d_z and d_i hold",
     "change of d_z per change of Q0/P0 from event to event",
     "change of d_i per change of Q0/P0 from event to event",
+    "V0 at which the coefficients hold",
+    "P0 at which the coefficients hold",
 ];
 
 /// Lines of `d_z` and `d_i` over Q0/P0.
@@ -48,6 +57,8 @@ pub struct ReactiveTrend {
     pub ratio: f64,
     /// Changes of `d_z` and `d_i` (of P0) per change of Q0/P0.
     pub slopes: [f64; 2],
+    /// V0 and P0 of the site, pu, at which they hold; none in what earlier versions stored.
+    pub site: Option<[f64; 2]>,
     /// Their standard errors; none for a trend that was stored.
     pub standard_errors: Option<[f64; 2]>,
 }
@@ -62,6 +73,7 @@ impl ReactiveTrend {
     ) -> Self {
         let at = median_operating_point(events);
         let ratio = at.q0_pu / at.p0_pu;
+        let site = Some([at.v0_pu, at.p0_pu]);
         let seen: Vec<EventQ> = events
             .iter()
             .filter_map(|event| event_q(solution, event, options))
@@ -69,6 +81,7 @@ impl ReactiveTrend {
         if seen.len() < EVENTS_MIN {
             return Self {
                 ratio,
+                site,
                 ..Self::default()
             };
         }
@@ -80,6 +93,7 @@ impl ReactiveTrend {
         Self {
             ratio,
             slopes,
+            site,
             standard_errors: Some(errors),
         }
     }
@@ -90,23 +104,33 @@ impl ReactiveTrend {
         let change = event.q0_pu / event.p0_pu - self.ratio;
         let mut own = event.clone();
         own.reactive_offset = self.slopes.map(|slope| slope * change);
+        own.site = self.site.map(|[v0_pu, p0_pu]| SiteReference {
+            v0_pu,
+            p0_pu,
+            ratio: self.ratio,
+            slopes: self.slopes,
+        });
         own
     }
 
     /// Its numbers with their names, in a fixed order.
     #[must_use]
-    pub fn values(&self) -> [(&'static str, f64); 3] {
+    pub fn values(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         let [z, i] = self.slopes;
-        [(NAMES[0], self.ratio), (NAMES[1], z), (NAMES[2], i)]
+        let numbers = [self.ratio, z, i]
+            .into_iter()
+            .chain(self.site.into_iter().flatten());
+        NAMES.into_iter().zip(numbers)
     }
 
     /// From numbers by name; no trend where one is missing, as in what earlier versions stored.
     pub(super) fn from_values(value: impl Fn(&str) -> Option<f64>) -> Self {
-        let [ratio, z, i] = NAMES.map(|name| value(name).filter(|v| v.is_finite()));
+        let [ratio, z, i, v0_pu, p0_pu] = NAMES.map(|name| value(name).filter(|v| v.is_finite()));
         match (ratio, z, i) {
             (Some(ratio), Some(z), Some(i)) => Self {
                 ratio,
                 slopes: [z, i],
+                site: v0_pu.zip(p0_pu).map(|(v0_pu, p0_pu)| [v0_pu, p0_pu]),
                 standard_errors: None,
             },
             _ => Self::default(),
@@ -124,15 +148,22 @@ impl ReactiveTrend {
             (true, None),
             (error(0).is_some(), error(0)),
             (error(1).is_some(), error(1)),
+            (true, None),
+            (true, None),
         ];
-        let named = self.values().into_iter().zip(MEANINGS).zip(told);
+        let named = self.values().zip(MEANINGS).zip(told);
         let shown = named.filter(|_| self.standard_errors.is_some());
         shown.map(
             |(((name, value), meaning), (identifiable, standard_error))| ParameterEstimate {
                 name: name.to_owned(),
                 meaning: meaning.to_owned(),
                 value,
-                unit: "1".to_owned(),
+                unit: if NAMES[3..].contains(&name) {
+                    "pu"
+                } else {
+                    "1"
+                }
+                .to_owned(),
                 lower: f64::NEG_INFINITY,
                 upper: f64::INFINITY,
                 standard_error,
@@ -231,11 +262,18 @@ mod tests {
         let trend = ReactiveTrend {
             ratio: 0.3,
             slopes: [0.8, 0.1],
+            site: Some([1.01, 0.9]),
             standard_errors: None,
         };
-        let values = trend.values();
-        let value = |name: &str| values.iter().find(|v| v.0 == name).map(|v| v.1);
+        let value = |name: &str| trend.values().find(|v| v.0 == name).map(|v| v.1);
         assert_eq!(ReactiveTrend::from_values(value), trend);
+        // Earlier versions stored the first three.
+        let earlier = |name: &str| value(name).filter(|_| NAMES[..3].contains(&name));
+        let without_site = ReactiveTrend {
+            site: None,
+            ..trend
+        };
+        assert_eq!(ReactiveTrend::from_values(earlier), without_site);
         assert_eq!(
             ReactiveTrend::from_values(|_| None),
             ReactiveTrend::default()

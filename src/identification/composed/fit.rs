@@ -7,9 +7,10 @@ use nalgebra::{DMatrix, DVector};
 use super::{
     coordinates::Coordinates,
     covariance::EventCovariance,
+    operating_point::LINEAR_COUNT,
     problem::{ComposedProblem, Linearised},
     relay_walk,
-    rows::{EventRows, LINEAR_COUNT, Scatter, random_effects},
+    rows::{EventRows, Scatter, random_effects},
 };
 use crate::{
     identification::{evaluate::Curves, intake::PreparedEvent},

@@ -26,6 +26,7 @@ mod refine;
 mod relay_walk;
 mod rows;
 mod screening;
+mod sources;
 mod spread;
 mod threshold;
 

@@ -5,9 +5,18 @@
 //! ```
 
 use crate::{
-    identification::intake::PreparedEvent,
-    load_model::{composed::ComposedModel, effect::Declared, effects},
+    identification::intake::{PreparedEvent, SiteReference},
+    load_model::{
+        composed::{AtLoad, ComposedModel},
+        effect::Declared,
+        effects,
+    },
 };
+
+/// First of the linear coefficients in a composed model's vector.
+pub(super) const LINEAR_FIRST: usize = 3;
+/// Linear coefficients: motor share, `c_z`, `c_i`, `d_z`, `d_i`.
+pub(super) const LINEAR_COUNT: usize = 5;
 
 /// Places of `d_z` and `d_i` in a model's vector.
 const REACTIVE: std::ops::Range<usize> = 6..8;
@@ -59,6 +68,55 @@ pub(super) fn load_exponents(model: &ComposedModel) -> Vec<LoadExponent> {
     list
 }
 
+/// The load that is measured less what amplitudes with an exponent feed, in an event and at the operating point of the site,
+/// each over the P0 there: the composition is that of the whole load.
+///
+/// ```text
+/// x_e = x (1 + sum a_e)/(1 + sum a_s)   for x of Kpm, c_z, c_i, d_z, d_i             (2)
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub(super) struct WholeLoad {
+    event: f64,
+    site: f64,
+}
+
+impl WholeLoad {
+    pub(super) fn new(
+        exponents: &[LoadExponent],
+        parameters: &[f64],
+        p0_pu: f64,
+        site: &SiteReference,
+    ) -> Self {
+        let whole = |p0_pu: f64| {
+            let fed = exponents.iter().map(|e| e.amplitude_at(parameters, p0_pu));
+            1.0 + fed.sum::<f64>()
+        };
+        Self {
+            event: whole(p0_pu),
+            site: whole(site.p0_pu),
+        }
+    }
+
+    /// What (2) multiplies by; exactly 1 where nothing is fed.
+    fn ratio(&self) -> f64 {
+        self.event / self.site
+    }
+
+    /// Derivative of its logarithm, given those of what is fed in the event and at the site.
+    pub(super) fn logarithmic_slope(&self, event: f64, site: f64) -> f64 {
+        event / self.event - site / self.site
+    }
+}
+
+/// The linear coefficients of a model with the reactive ones as far as they go with the whole load.
+pub(super) fn of_whole_load(parameters: &[f64], site: &SiteReference) -> [f64; LINEAR_COUNT] {
+    let mut own: [f64; LINEAR_COUNT] = std::array::from_fn(|l| parameters[LINEAR_FIRST + l]);
+    for (value, slope) in own[LINEAR_COUNT - 2..].iter_mut().zip(site.slopes) {
+        *value -= slope * site.ratio;
+    }
+    own
+}
+
 /// The parameters of a model on the base of an event, and the derivative of each with respect to the
 /// declared one; amplitudes with an exponent have theirs from [`LoadExponent`] instead.
 pub(super) fn at_operating_point(
@@ -66,18 +124,36 @@ pub(super) fn at_operating_point(
     parameters: &[f64],
     event: &PreparedEvent,
 ) -> (Vec<f64>, Vec<f64>) {
-    let (mut own, slopes) = model.on_event_base(parameters, event.v0_pu, event.p0_pu);
-    scale(model, parameters, event.p0_pu, &mut own);
+    let (mut own, mut slopes) = model.on_event_base(parameters, event.v0_pu, event.p0_pu);
+    let exponents = load_exponents(model);
+    for e in &exponents {
+        own[e.amplitude] = e.amplitude_at(parameters, event.p0_pu);
+    }
     for (value, offset) in own[REACTIVE].iter_mut().zip(event.reactive_offset) {
         *value += offset;
+    }
+    if let Some(site) = &event.site
+        && !exponents.is_empty()
+    {
+        let ratio = WholeLoad::new(&exponents, parameters, event.p0_pu, site).ratio();
+        let whole = of_whole_load(parameters, site);
+        for (place, value) in (LINEAR_FIRST..).zip(whole) {
+            own[place] += (ratio - 1.0) * value;
+            slopes[place] *= ratio;
+        }
     }
     (own, slopes)
 }
 
-fn scale(model: &ComposedModel, parameters: &[f64], p0_pu: f64, own: &mut [f64]) {
-    for e in load_exponents(model) {
-        own[e.amplitude] = e.amplitude_at(parameters, p0_pu);
-    }
+/// How the reactive coefficients of an event go with what a load behind a feeder draws.
+pub(super) fn at_load(event: &PreparedEvent) -> Option<AtLoad> {
+    let admittance = |v0_pu: f64, p0_pu: f64| p0_pu / (v0_pu * v0_pu);
+    event.site.map(|site| AtLoad {
+        slopes: site.slopes,
+        site_reactive_at_rest: site.ratio,
+        site_admittance_ratio: admittance(site.v0_pu, site.p0_pu)
+            / admittance(event.v0_pu, event.p0_pu),
+    })
 }
 
 #[cfg(test)]
@@ -96,9 +172,7 @@ mod tests {
         parameters[pair.amplitude] = 0.2;
         for (exponent, expected) in [(0.0, 0.2), (1.0, 0.25)] {
             parameters[pair.exponent] = exponent;
-            let mut own = parameters.clone();
-            scale(&model, &parameters, 0.8, &mut own);
-            assert!((own[pair.amplitude] - expected).abs() < 1e-12);
+            assert!((pair.amplitude_at(&parameters, 0.8) - expected).abs() < 1e-12);
         }
         let slope = pair.exponent_slope(&parameters, 0.8);
         parameters[pair.exponent] -= 1e-6;

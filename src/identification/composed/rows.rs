@@ -6,7 +6,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::{
     covariance::EventCovariance,
-    operating_point::{at_operating_point, load_exponents},
+    operating_point::{LINEAR_COUNT, LINEAR_FIRST, at_load, at_operating_point},
+    sources::Sources,
 };
 use crate::{
     identification::{
@@ -23,10 +24,6 @@ use crate::{
     },
 };
 
-/// First of the linear coefficients in a composed model's vector.
-const LINEAR_FIRST: usize = 3;
-/// Linear coefficients: motor share, `c_z`, `c_i`, `d_z`, `d_i`.
-pub(super) const LINEAR_COUNT: usize = 5;
 /// Spread of an effect's share from event to event, relative to the share.
 const EFFECT_SPREAD_RELATIVE: f64 = 0.06;
 /// The same of the motor's share, at most: a motor of next to no share but many times its rating would otherwise
@@ -195,7 +192,7 @@ impl<'a> EventRows<'a> {
         parameters: &[f64],
         wanted: &[usize],
     ) -> Result<DMatrix<f64>, SimulationError> {
-        let sources = self.sources(model, parameters, wanted);
+        let sources = Sources::new((model, parameters), wanted, self.event);
         let response = self.simulate(model, parameters, &sources.simulated)?;
         let late = self.lateness(model, parameters, wanted);
         let late = late.as_ref();
@@ -229,37 +226,6 @@ impl<'a> EventRows<'a> {
         Lateness::new(self.chain, self.event.rate_fps, (model, parameters), wanted)
     }
 
-    /// Where the derivative columns by the parameters `wanted` come from.
-    fn sources(&self, model: &ComposedModel, parameters: &[f64], wanted: &[usize]) -> Sources {
-        let exponents = load_exponents(model);
-        let p0_pu = self.event.p0_pu;
-        let delay = model.delay();
-        let simulated = wanted.iter().copied().filter(|w| Some(*w) != delay);
-        let mut simulated: Vec<usize> = simulated.collect();
-        for e in &exponents {
-            if wanted.contains(&e.exponent) && !wanted.contains(&e.amplitude) {
-                simulated.push(e.amplitude);
-            }
-        }
-        let source = |index: &usize| {
-            let (source, factor) = (exponents.iter())
-                .find_map(|e| match *index {
-                    i if i == e.exponent => {
-                        Some((e.amplitude, e.exponent_slope(parameters, p0_pu)))
-                    }
-                    i if i == e.amplitude => Some((i, e.factor(parameters, p0_pu))),
-                    _ => None,
-                })
-                .unwrap_or((*index, 1.0));
-            let place = simulated.iter().position(|i| *i == source)?;
-            Some((place, factor))
-        };
-        Sources {
-            columns: wanted.iter().map(source).collect(),
-            simulated,
-        }
-    }
-
     fn set_columns(
         &self,
         rows: &mut DMatrix<f64>,
@@ -267,15 +233,19 @@ impl<'a> EventRows<'a> {
         late: Option<&Lateness>,
         [active, reactive]: [&Vec<Vec<f64>>; 2],
     ) {
-        for (column, source) in sources.columns.iter().enumerate() {
-            let Some((place, factor)) = source else {
-                continue;
-            };
+        let mut single = vec![0.0; self.count()];
+        for (column, terms) in sources.columns.iter().enumerate() {
             let mut into = rows.column_mut(column);
             let into = into.as_mut_slice();
-            self.report(late, &active[*place], &reactive[*place], into);
-            for row in into {
-                *row *= *factor;
+            for (number, (place, factor)) in terms.iter().enumerate() {
+                let (active, reactive) = (&active[*place], &reactive[*place]);
+                if number == 0 {
+                    self.report(late, active, reactive, into);
+                    into.iter_mut().for_each(|row| *row *= *factor);
+                } else {
+                    self.report(late, active, reactive, &mut single);
+                    (into.iter_mut().zip(&single)).for_each(|(row, more)| *row += factor * more);
+                }
             }
         }
     }
@@ -314,7 +284,7 @@ impl<'a> EventRows<'a> {
         let by_delay = model.delay().is_some_and(|delay| wanted.contains(&delay));
         if let Some(motor) = motor.filter(|_| !by_delay) {
             let (own, slopes) = at_operating_point(model, parameters, self.event);
-            let sources = self.sources(model, parameters, wanted);
+            let sources = Sources::new((model, parameters), wanted, self.event);
             let simulated = &sources.simulated;
             let drive = self.drive();
             if let Some([mut active, mut reactive]) =
@@ -512,14 +482,6 @@ pub(super) fn reported(
     }
 }
 
-/// Where derivative columns come from.
-struct Sources {
-    /// The parameters by which the simulation gives derivatives.
-    simulated: Vec<usize>,
-    /// Of every column the place among those, and what it is multiplied by.
-    columns: Vec<Option<(usize, f64)>>,
-}
-
 /// Turns derivatives by parameters on the base of an event into those by the declared ones.
 fn refer([active, reactive]: [&mut Vec<Vec<f64>>; 2], wanted: &[usize], slopes: &[f64]) {
     for ((active, reactive), index) in active.iter_mut().zip(reactive).zip(wanted) {
@@ -537,6 +499,7 @@ pub(super) fn drive<'a>(
 ) -> Drive<'a> {
     Drive {
         leaves_delay: true,
+        at_load: at_load(event),
         ..Drive::new(
             input,
             chain.output_frequency_deviation(),

@@ -21,7 +21,8 @@ use super::{
     coordinates::Coordinates,
     covariance::Products,
     fit::{ComposedFit, ComposedFitOptions, Place},
-    rows::{EventRows, LINEAR_COUNT, Scatter, random_effects},
+    operating_point::LINEAR_COUNT,
+    rows::{EventRows, Scatter, random_effects},
 };
 
 /// Shares of the assumed spread, narrowest first.

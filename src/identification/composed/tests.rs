@@ -22,6 +22,7 @@ use crate::{
 use nalgebra::DVector;
 
 mod distances;
+mod operating_points;
 mod stated_errors;
 mod thresholds;
 

@@ -13,6 +13,7 @@ mod longer_window;
 mod operating_point;
 mod prepare;
 mod series;
+mod site_reference;
 mod spikes;
 mod stiffness;
 mod voltage;
@@ -21,6 +22,7 @@ mod weights;
 pub use edges::Edge;
 pub use longer_window::longer_window;
 pub use prepare::{Elsewhere, IntakeOptions, KnownTerminal, LONGER_WINDOW, PreparedEvent, prepare};
+pub use site_reference::SiteReference;
 pub use weights::local_motion;
 
 use crate::disturbance::ScreeningReason;

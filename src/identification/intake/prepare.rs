@@ -5,7 +5,7 @@ use super::{
         measurement_chain::{ChainParts, MeasurementChain},
         phasor_filter::{FilterChoice, PhasorFilter},
     },
-    Unusable,
+    SiteReference, Unusable,
     edges::{self, Edge},
     frequency, gaps, jumps,
     longer_window::{longer_window, samples_of},
@@ -94,6 +94,8 @@ pub struct PreparedEvent {
     /// What `d_z` and `d_i` are here above those of the site ([`ReactiveTrend`](crate::identification::ReactiveTrend)); zero
     /// as prepared.
     pub reactive_offset: [f64; 2],
+    /// Where the coefficients of the site hold; `None` as prepared.
+    pub site: Option<SiteReference>,
     /// Whether the operating point was at rest before the event.
     pub steady_start: bool,
     /// First sample of the event part.
@@ -390,6 +392,7 @@ fn assembled(
         p0_pu: before.active,
         q0_pu: before.reactive,
         reactive_offset: [0.0; 2],
+        site: None,
         steady_start: before.steady,
         event_start: before.samples,
         chain: chain(&u.measured, &u.voltage, &input, &frequency_deviation),

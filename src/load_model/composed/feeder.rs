@@ -48,11 +48,48 @@ impl<S: Elementary> Feeder<S> {
         complex::square(self.load_voltage(rest_reactive))
     }
 
+    /// `Q_L0/P_L0` of the load, whose power at rest is `1 + j Q0/P0 - Z |i0|^2`.
+    fn load_ratio(&self, rest_reactive: f64) -> S {
+        let square = 1.0 + rest_reactive * rest_reactive;
+        let active = self.resistance * -square + 1.0;
+        let reactive = self.reactance * -square + rest_reactive;
+        reactive / active
+    }
+
     /// `u_L0`.
     fn load_voltage(&self, rest_reactive: f64) -> [S; 2] {
         let current = [S::constant(1.0), S::constant(-rest_reactive)];
         let drop = complex::product([self.resistance, self.reactance], current);
         [S::constant(1.0) - drop[0], -drop[1]]
+    }
+}
+
+/// Reactive coefficients that go with Q0/P0 from event to event, where the load is behind a feeder: they go with what the
+/// load draws, not with what the feeder takes, which is more of a larger load.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AtLoad {
+    /// Changes of `d_z` and `d_i` per change of `Q_L0/P_L0`.
+    pub slopes: [f64; 2],
+    /// Q0/P0 at the measured bus at which the coefficients of the site hold.
+    pub site_reactive_at_rest: f64,
+    /// `P0/V0^2` there over that of the event: so much larger is the feeder on its base.
+    pub site_admittance_ratio: f64,
+}
+
+impl AtLoad {
+    /// What is to be added to `d_z` and `d_i` that follow Q0/P0 at the measured bus already.
+    pub(super) fn correction<S: Elementary>(
+        &self,
+        feeder: &Feeder<S>,
+        rest_reactive: f64,
+    ) -> [S; 2] {
+        let site = Feeder {
+            resistance: feeder.resistance * self.site_admittance_ratio,
+            reactance: feeder.reactance * self.site_admittance_ratio,
+        };
+        let own = feeder.load_ratio(rest_reactive) + -rest_reactive;
+        let others = site.load_ratio(self.site_reactive_at_rest) + -self.site_reactive_at_rest;
+        self.slopes.map(|slope| (own - others) * slope)
     }
 }
 
@@ -322,5 +359,41 @@ impl<S: Implicit> Network<S> {
         let reactive = self.rest_power[1] + self.rest_power[0] * (load[1] + -self.rest_reactive);
         // conj(P + jQ) u / |u|^2
         complex::scaled(complex::product([active, -reactive], at), weight)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_feeder_takes_is_not_what_the_load_draws() {
+        // R = 0.02, X = 0.1 on the base of an event that is a quarter larger than the site's median: the same
+        // load, 0.25 of Q/P behind the feeder, shows more at the measured bus there.
+        let feeder = |scale: f64| Feeder {
+            resistance: 0.02 * scale,
+            reactance: 0.1 * scale,
+        };
+        let shown = |scale: f64| {
+            let mut ratio = 0.25;
+            for _ in 0..100 {
+                let square = 1.0 + ratio * ratio;
+                ratio = 0.25 * (1.0 - 0.02 * scale * square) + 0.1 * scale * square;
+            }
+            ratio
+        };
+        let (here, site) = (shown(1.0), shown(0.8));
+        assert!(here - site > 0.015);
+        let at_load = AtLoad {
+            slopes: [0.7, 0.2],
+            site_reactive_at_rest: site,
+            site_admittance_ratio: 0.8,
+        };
+        let correction = at_load.correction(&feeder(1.0), here);
+        for (correction, slope) in correction.iter().zip(at_load.slopes) {
+            assert!((slope * (here - site) + correction).abs() < 1e-12);
+        }
+        let without: [f64; 2] = at_load.correction(&Feeder::none(), here);
+        assert!(without.iter().all(|c| c.abs() < 1e-15));
     }
 }

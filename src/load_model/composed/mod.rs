@@ -41,7 +41,7 @@ use std::sync::Arc;
 pub use base::{BASE, BASE_PARAMETERS};
 pub use beside::{DerivativeColumns, MotorCourse};
 pub use context::{FrequencyCourse, Instant, Rest, Seen, Series, Step};
-pub use feeder::Feeder;
+pub use feeder::{AtLoad, Feeder};
 pub use grid::Grid;
 pub use motor::{Motor, MotorDescription, MotorState};
 
@@ -72,6 +72,8 @@ pub struct Drive<'a> {
     pub grid: Option<&'a Arc<Grid>>,
     /// Whether how late an instrument is ([`ComposedModel::delay`]) is left to whoever knows what else it does.
     pub leaves_delay: bool,
+    /// How reactive coefficients go with what a load behind a feeder draws; `None` where they do not.
+    pub at_load: Option<AtLoad>,
 }
 
 impl<'a> Drive<'a> {
@@ -89,6 +91,7 @@ impl<'a> Drive<'a> {
             accuracy: Accuracy::Full,
             grid: None,
             leaves_delay: false,
+            at_load: None,
         }
     }
 

@@ -8,7 +8,7 @@ pub(super) use now::Now;
 use super::{
     Drive, Instant, Rest, SimulationError, Step,
     active::{Active, Pass},
-    at_rest::at_rest,
+    at_rest::{at_load, at_rest},
     complex,
     feeder::{Network, Solution, Way},
     grid::Grid,
@@ -83,6 +83,7 @@ pub(super) fn run<S: Pass>(
     effects: &[Active<'_, S>],
     course: Course<'_>,
 ) -> Result<Output<S>, SimulationError> {
+    let linear = at_load(drive, linear, effects);
     let rest = at_rest(drive, motor, linear, effects)?;
     let mut acting = Vec::with_capacity(effects.len());
     for effect in effects {

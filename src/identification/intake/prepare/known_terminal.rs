@@ -70,6 +70,7 @@ impl From<KnownTerminal> for PreparedEvent {
             p0_pu: 1.0,
             q0_pu: known.q0_over_p0,
             reactive_offset: [0.0; 2],
+            site: None,
             steady_start: true,
             event_start: known.event_start,
             lowest_voltage: voltage.iter().copied().fold(f64::INFINITY, f64::min),
