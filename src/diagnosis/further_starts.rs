@@ -3,19 +3,19 @@
 
 use super::{
     case::Case,
-    trials::{FOLLOWED, Fitted, Goal, Trial, wanted, wanted_beside_all},
+    trials::{FOLLOWED, Fitted, Goal, Trial, wanted_beside_all},
 };
 use crate::{
     identification::{
         IdentificationError,
-        composed::{ComposedFit, Ground, has_no_motor},
+        composed::{ComposedFit, Ground, fit, has_no_motor},
     },
     load_model::effects,
 };
 
 /// An effect that leaves less than this share of the misfit says where everything else belongs.
 const RIVALS_BELOW: f64 = 0.5;
-/// Rivals that are sketched again from there, at most, ...
+/// Effects that are sketched again from another's fit, at most, ...
 const RIVALS_MAX: usize = 3;
 /// ... where nothing has a threshold those that leave less than this many times what the best one leaves.
 const RIVALS_NEAR: f64 = 2.0;
@@ -66,29 +66,40 @@ pub(super) fn rivals_from_the_best(
     sketched_again(case, base, &origin, wanted, rivals)
 }
 
-/// Where the best effect follows the events without the motor, it is sketched once more with everything else as the
-/// best other effect has it that needs one: a motor given up for what was missing does not come back by itself.
+/// Where effects that come first follow the events without the motor, they are sketched once more from a fit of the
+/// structure that has the motor of the best other effect: a motor given up for what was missing does not come back by
+/// itself.
 pub(super) fn with_the_motor_of_another(
     case: &Case<'_>,
     base: &Fitted,
-    goal: Goal,
     list: &mut [Trial],
 ) -> Result<(), IdentificationError> {
     let options = &case.composed;
     let order = by_criterion(list);
     let without = |place: &usize| list[*place].fit.as_ref().is_none_or(has_no_motor);
-    let Some(&best) = order.first().filter(|place| without(place)) else {
-        return Ok(());
-    };
     let other = order.iter().find(|place| !without(place));
     let origin = other.and_then(|&place| {
         let fit = list[place].fit.as_ref()?;
         (base.baseline).with_values_of(&case.judged, fit, options, case.watcher.cancel)
     });
-    let wanted = wanted(case, base, goal);
-    origin.map_or(Ok(()), |origin| {
-        sketched_again(case, base, &origin, wanted, [&mut list[best]])
-    })
+    let Some(origin) = origin else {
+        return Ok(());
+    };
+    // Screens say little of what is far from any optimum.
+    let (model, values, free) = (&origin.model, &origin.parameters, &origin.free);
+    let own = fit(
+        &case.judged,
+        model,
+        values,
+        free,
+        options,
+        case.watcher.cancel,
+    );
+    let origin = own.filter(|own| !has_no_motor(own)).unwrap_or(origin);
+    let first: Vec<usize> = order.into_iter().filter(without).take(RIVALS_MAX).collect();
+    let is_first = |(place, trial)| first.contains(&place).then_some(trial);
+    let trials = list.iter_mut().enumerate().filter_map(is_first);
+    sketched_again(case, base, &origin, f64::INFINITY, trials)
 }
 
 /// Where the best effect still leaves much, those that come first and have a threshold are sketched once more beside motors

@@ -178,7 +178,7 @@ fn tried(
         }
     }
     refine(case, base, goal, &mut list)?;
-    with_the_motor_of_another(case, base, goal, &mut list)?;
+    with_the_motor_of_another(case, base, &mut list)?;
     rivals_from_the_best(case, base, goal, &mut list)?;
     from_other_motors(case, base, goal, &mut list)?;
     refine(case, base, goal, &mut list)?;
@@ -203,7 +203,7 @@ pub(super) enum Goal {
 }
 
 /// Weighted squares that an effect must come down to for its goal, whatever else speaks for it.
-pub(super) fn wanted(case: &Case<'_>, base: &Fitted, goal: Goal) -> f64 {
+fn wanted(case: &Case<'_>, base: &Fitted, goal: Goal) -> f64 {
     let claim = &case.options.claim;
     let before: f64 = base.baseline.all.squares.iter().sum();
     let rows = base.baseline.all.rows as f64;

@@ -27,8 +27,9 @@
 //! part after `T_o`, all of them within `T_s`, also when the voltage is back by then. Inverters of this
 //! kind run at a power factor near 1; `t` is what they and their transformers take of reactive power, per
 //! active power fed. Generation does not follow the load: between events it may be a share of P0
-//! (`e = 0`) or stay the same (`e = 1`, `G` is then its power in pu of the site's base). Not included:
-//! trips by the frequency (`frequency_trip`).
+//! (`e = 0`) or stay the same (`e = 1`, `G` is then its power in pu of the site's base): then what is measured is less of
+//! a larger part of the load, and the coefficients of the load, which are shares of P0, go with `1 + G P0^-e`. Not
+//! included: trips by the frequency (`frequency_trip`).
 //!
 //! Source: logic of PVD1 (limit, then a linear cut that follows the voltage, then the lag of the current: as in ANDES 2.0)
 //! and `DER_A` in the WECC composite load model (values Vt0 .88, Vl1 .49, Tvl0 .16 s, filters .02 s not verified);

@@ -15,6 +15,8 @@
 //!
 //! solved with the whole load at every step by `composed::feeder`, at rest such that P0 and Q0 at the
 //! measured bus hold; the motors' constants refer to the voltage at the load. A capacitor at the load is part of the load's `d_z`, exactly.
+//! From event to event the reactive coefficients go with the Q/P of the load, not with that at the measured bus,
+//! where a larger load shows more of the feeder.
 //!
 //! Source: circuit law; R = X = .04 on the feeder's rating in the WECC composite load model (value not
 //! verified). One impedance for all the load: the mean of many.
