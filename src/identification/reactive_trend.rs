@@ -114,7 +114,6 @@ impl ReactiveTrend {
     }
 
     /// Its numbers with their names, in a fixed order.
-    #[must_use]
     pub fn values(&self) -> impl Iterator<Item = (&'static str, f64)> + use<> {
         let [z, i] = self.slopes;
         let numbers = [self.ratio, z, i]

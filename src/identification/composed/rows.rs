@@ -236,15 +236,10 @@ impl<'a> EventRows<'a> {
         let mut single = vec![0.0; self.count()];
         for (column, terms) in sources.columns.iter().enumerate() {
             let mut into = rows.column_mut(column);
-            let into = into.as_mut_slice();
-            for (number, (place, factor)) in terms.iter().enumerate() {
-                let (active, reactive) = (&active[*place], &reactive[*place]);
-                if number == 0 {
-                    self.report(late, active, reactive, into);
-                    into.iter_mut().for_each(|row| *row *= *factor);
-                } else {
-                    self.report(late, active, reactive, &mut single);
-                    (into.iter_mut().zip(&single)).for_each(|(row, more)| *row += factor * more);
+            for (place, factor) in terms {
+                self.report(late, &active[*place], &reactive[*place], &mut single);
+                for (row, value) in into.iter_mut().zip(&single) {
+                    *row += *factor * value;
                 }
             }
         }
