@@ -7,9 +7,8 @@
 //! Q/P0 = Q0/P0 + K (q - q_0) + d_z (v^2 - 1) + d_i (v - 1) + sum of the effects' reactive power
 //! ```
 //!
-//! which is the plain model of `zip_im` when there is no effect. The plain model has a faster and
-//! more exact path of its own (`induction_motor`); this one is general. Both agree to 1e-4 of P0
-//! (tested).
+//! which is the plain model of `zip_im` when there is no effect. That has a faster and more exact path of its own
+//! (`induction_motor`); this one is general. Both agree to 1e-4 of P0 (tested).
 
 mod active;
 mod at_rest;
@@ -61,8 +60,7 @@ use run::{Course, Output};
 pub struct Drive<'a> {
     /// The phasor.
     pub terminal: &'a TerminalInput,
-    /// Deviation of the frequency from that before the event over the nominal frequency, at every
-    /// output instant of the terminal input; empty when unknown (then 0).
+    /// Frequency less that before the event over nominal, at every output instant; empty when unknown (then 0).
     pub frequency_deviation: &'a [f64],
     /// `Q0/P0`.
     pub reactive_at_rest: f64,
@@ -294,8 +292,8 @@ impl ComposedModel {
             .collect()
     }
 
-    /// A vector on the base of an event with this operating point, and the derivative of each entry
-    /// with respect to the declared one. [`simulate`](Self::simulate) wants such a vector.
+    /// A vector on the base of an event with this operating point, as [`simulate`](Self::simulate) wants it, and the
+    /// derivative of each entry with respect to the declared one.
     #[must_use]
     pub fn on_event_base(&self, declared: &[f64], v0_pu: f64, p0_pu: f64) -> (Vec<f64>, Vec<f64>) {
         let of = |(p, value): (&ModelParameter, &f64)| {
@@ -310,9 +308,8 @@ impl ComposedModel {
     /// feeder, [`LANES`] less two the first time; without the motor where none of them acts on it), an evaluation at the output instants for every [`LANES`]
     /// others; one with `f64` where none acts on states.
     ///
-    /// An effect whose amplitudes are all neutral takes no part in the values; where one of its
-    /// amplitudes is wanted the derivatives are those of a model in which it takes part, that by the
-    /// amplitude the one-sided one.
+    /// An effect whose amplitudes are all neutral takes no part in the values; where one of its amplitudes is wanted the
+    /// derivatives are those of a model in which it takes part, that by the amplitude the one-sided one.
     ///
     /// # Errors
     ///
