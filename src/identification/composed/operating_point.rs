@@ -1,4 +1,5 @@
-//! Amplitudes that do not follow the load: what they are in an event of a given active power.
+//! What parameters of the site are at the operating point of an event: amplitudes that do not follow the load (1), and the
+//! composition beside them (2).
 //!
 //! ```text
 //! a_e = a P0^-e,   d a_e/d a = P0^-e,   d a_e/d e = -a_e ln P0                      (1)
@@ -68,8 +69,8 @@ pub(super) fn load_exponents(model: &ComposedModel) -> Vec<LoadExponent> {
     list
 }
 
-/// The load that is measured less what amplitudes with an exponent feed, in an event and at the operating point of the site,
-/// each over the P0 there: the composition is that of the whole load.
+/// The whole load, which is what is measured and what amplitudes with an exponent feed, over P0, in an event and at the
+/// operating point of the site: shares of the whole load stay.
 ///
 /// ```text
 /// x_e = x (1 + sum a_e)/(1 + sum a_s)   for x of Kpm, c_z, c_i, d_z, d_i             (2)
