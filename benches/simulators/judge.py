@@ -45,7 +45,8 @@ def row(name, truth, found):
     dropped = {name for step in found["steps"] for name in step["dropped"]}
     added = [step["added"] for step in found["steps"] if step["added"]]
     steps = [f"({name})" if name in dropped else name for name in added]
-    cells = [name, ", ".join(truth["effects"]) or "nothing", said, ", ".join(steps) or "-"]
+    either = "".join(f" (or {each})" for each in truth.get("equally_right", []))
+    cells = [name, (", ".join(truth["effects"]) or "nothing") + either, said, ", ".join(steps) or "-"]
     cells += [errors(found["steps"][0]), errors(found["steps"][-1])]
     return "| " + " | ".join(cells) + " |"
 

@@ -512,6 +512,19 @@ def draw_event(kind, bus, cycles, rng):
     return event
 
 
+def relay_operates_s(time_s, is_below, delay_s):
+    """When a definite-time relay operates: the voltage has been below for the delay without a break. None where it never is."""
+    begun_s = None
+    for now_s, below in zip(time_s, is_below):
+        if not below:
+            begun_s = None
+        elif begun_s is None:
+            begun_s = now_s
+        if begun_s is not None and now_s - begun_s >= delay_s:
+            return begun_s + delay_s
+    return None
+
+
 def main():
     kind, folder, frames_per_s, noise, rng = arguments(__doc__, KINDS)
     parts = kind.split("+")
@@ -530,16 +543,18 @@ def main():
         try:
             course = simulate(load, event, *at)
             if load["switched"] and "xf" in event:
-                below = course[0][course[1] < load["switched"]["voltage"]]
-                if len(below):
-                    event["trips"] = [below[0] + load["switched"]["delay_s"]]
+                opens_s = relay_operates_s(course[0], course[1] < load["switched"]["voltage"], load["switched"]["delay_s"])
+                if opens_s is not None:
+                    event["trips"] = [opens_s]
                     course = simulate(load, event, *at)
         except stepss.globals.RAMSESError as error:
             print(f"{folder}: no {event['kind']}: {error}", file=sys.stderr)
             continue
         name = write_event(folder, len(written) + 1, measure(*phasors(course), frames_per_s, noise, rng))
         written.append({"file": name, **event, "v_min": float(course[1].min())})
-    truth = {"effects": KINDS[kind], "parameters": load["truth"], "noise": noise, "events": written}
+    # A block of constant power that stays off is either.
+    either = ["self_disconnection"] if "dropout" in parts else []
+    truth = {"effects": KINDS[kind], "equally_right": either, "parameters": load["truth"], "noise": noise, "events": written}
     write_site(folder, frames_per_s, 23.0, truth)
 
 

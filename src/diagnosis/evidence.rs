@@ -34,6 +34,9 @@ pub(super) struct Evidence {
     pub(super) gate: Option<GateEvidence>,
     /// Against every event that others surround, foretold in turn; none where the gate alone was asked.
     pub(super) in_turn: Option<GateEvidence>,
+    /// What the gating events add to the least misfit of the others, per row of theirs, which by themselves support the
+    /// effect; none where they do not, or where that was not asked.
+    pub(super) joined: Option<GateEvidence>,
     /// What the criterion gains by the best other effect, over what it gains by this one; where this one leaves next to
     /// nothing of what that one leaves, the share of it.
     pub(super) runner_up: f64,
@@ -243,9 +246,11 @@ fn hardly_known(evidence: &Evidence, options: &ClaimOptions) -> Option<String> {
 /// What the gate says against an effect.
 fn of_the_gate(evidence: &Evidence, gate: GateEvidence, options: &ClaimOptions) -> Option<String> {
     let held_out = fall(gate.before, gate.after);
-    // What single events leave open, all of them in turn may not.
-    let in_turn = |g: GateEvidence| fall(g.before, g.after) >= options.held_out_fall_min;
-    let foretold = evidence.in_turn.is_some_and(in_turn);
+    let needed = needed_held_out_fall(evidence, options);
+    // What single events leave open, all of them in turn may not, nor the gating ones joined to the others.
+    let falls_by = |share: f64| move |g: GateEvidence| fall(g.before, g.after) >= share;
+    let foretold = (evidence.in_turn).is_some_and(falls_by(options.held_out_fall_min))
+        || evidence.joined.is_some_and(falls_by(needed));
     let is_silent = evidence.gate_is_silent(gate, options);
     if is_silent {
         let speaks = held_out >= SILENT_FALLS * options.held_out_fall_min;
@@ -258,7 +263,6 @@ fn of_the_gate(evidence: &Evidence, gate: GateEvidence, options: &ClaimOptions) 
             ));
         }
     } else if !(evidence.is_followed(options) && evidence.is_evident(options)) {
-        let needed = needed_held_out_fall(evidence, options);
         return (held_out < needed && !foretold).then(|| {
             format!(
                 "the misfit of the held-out events {}; a claim needs a fall by {:.0} %",

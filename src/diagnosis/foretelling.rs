@@ -207,6 +207,31 @@ impl Case<'_> {
         })
     }
 
+    /// What the gating events add to the least misfit of the others, per row of theirs, without (`before`) and with
+    /// (`after`) an effect that the others support by themselves; `None` where they do not, and without a gate.
+    ///
+    /// With the residuals `r` that a fit to the others leaves of the gating events, their covariance `Sigma`, their derivatives
+    /// `J` by the parameters, and the covariance `C` of these, it is `r' (Sigma + J C J')^-1 r` to second order: what the
+    /// others leave open of the parameters is not held against the effect.
+    pub(super) fn joined(&self, before: &ComposedFit, after: &ComposedFit) -> Option<GateEvidence> {
+        if !self.has_gate() {
+            return None;
+        }
+        let others = self.part(false);
+        let own = |fit| self.fitted_to(&others, fit, &self.composed);
+        let (without, with) = (own(before)?, own(after)?);
+        let is_supported =
+            with.criterion() <= without.criterion() - self.options.claim.delta_bic_min;
+        let rows: usize = self.part(true).iter().map(PreparedEvent::rows).sum();
+        let added = |all: &ComposedFit, own: &ComposedFit| {
+            2.0 * (all.objective - own.objective) / rows.max(1) as f64
+        };
+        is_supported.then(|| GateEvidence {
+            before: added(before, &without),
+            after: added(after, &with),
+        })
+    }
+
     /// Of each event of some fold what a fit to those outside the fold leaves of it, per row.
     fn foretold_in_turn(&self, fit: &ComposedFit, folds: &[Vec<bool>]) -> Vec<Option<f64>> {
         let mut all = vec![None; self.judged.len()];

@@ -366,8 +366,12 @@ fn status_of(trial: &Trial) -> Status {
 }
 
 fn found(name: &str, evidence: &Evidence) -> String {
-    let in_turn = match (evidence.gate, evidence.in_turn) {
-        (Some(gate), Some(in_turn)) => format!(
+    let in_turn = match (evidence.gate, evidence.in_turn, evidence.joined) {
+        (Some(gate), _, Some(joined)) => format!(
+            "; a fit to the others leaves the held-out events open ({:.2} to {:.2}), but what they add to its misfit falls from {:.2} to {:.2}",
+            gate.before, gate.after, joined.before, joined.after
+        ),
+        (Some(gate), Some(in_turn), None) => format!(
             "; the held-out events leave it open ({:.2} to {:.2}), but of all events, each foretold by others, it falls from {:.2} to {:.2}",
             gate.before, gate.after, in_turn.before, in_turn.after
         ),

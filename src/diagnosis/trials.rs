@@ -384,6 +384,7 @@ fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) 
         squares_after: added.squares.iter().sum(),
         gate: None,
         in_turn: None,
+        joined: None,
         runner_up: 0.0,
         times_every_motor: times_every_motor(trial.name(), added),
     }
@@ -447,6 +448,10 @@ fn hold_against_gate(
         if clear && is_refused_by_gate_alone(evidence, options) {
             let own = trial.fit.as_ref();
             evidence.in_turn = own.and_then(|own| case.in_turn(&base.baseline.all, own));
+            let is_open = is_refused_by_gate_alone(evidence, options);
+            if is_open && evidence.may_be_confirmed(options) {
+                evidence.joined = own.and_then(|own| case.joined(&base.baseline.all, own));
+            }
             case.watcher.check()?;
         }
         if evidence.at_floor(options) && claimable(evidence) {

@@ -23,6 +23,9 @@ use crate::{disturbance::Window, load_model::Structure};
 /// What the noise alone may leave (weighted squares per row, no event differing from another): where more is left effects
 /// are added in other orders, too.
 const FOLLOWED: f64 = 0.7;
+/// What every motor has: where the events are followed, this order is tried all the same, as what is small shows beside it
+/// only.
+const COMPANION: &str = "stator_resistance";
 
 /// The fit of a site before anything is said of it.
 #[derive(Clone, Debug)]
@@ -214,7 +217,8 @@ fn fit_sets(
 }
 
 /// Adds what the plain path cannot simulate, effect after effect, to the search's best solution, and
-/// fits everything together. Where that does not follow the events, each of the effects is added last, too.
+/// fits everything together. Where that does not follow the events, each of the effects is added last, too; where it does, the
+/// companion is added first.
 fn compose(
     structure: &Structure,
     found: &Fit,
@@ -239,10 +243,14 @@ fn compose(
     let relay = structure.effects().any(|e| e.threshold().is_some());
     let newest = missing.last().cloned().unwrap_or_default();
     for _ in 1..missing.len() {
-        if !relay || left(&best) < FOLLOWED {
+        if !relay {
             break;
         }
         missing.rotate_left(1);
+        let companion_first = missing.first().is_some_and(|name| name == COMPANION);
+        if left(&best) < FOLLOWED && !companion_first {
+            continue;
+        }
         // An order that leads nowhere leaves what the others led to.
         let other = match built_up(&begun, &missing, events, &options, cancel) {
             Err(IdentificationError::Cancelled) => return Err(IdentificationError::Cancelled),

@@ -16,6 +16,7 @@ pub(in crate::diagnosis) fn evidence(delta_bic: f64, after: f64, physics: bool) 
         runner_up: 0.9,
         times_every_motor: None,
         in_turn: None,
+        joined: None,
         gate: Some(GateEvidence {
             before: 12.0,
             after: after * 1.2,
@@ -241,6 +242,17 @@ fn what_is_small_may_be_confirmed_by_all_events_in_turn() {
     assert!(refused.may_be_confirmed(&options) && is_refused_by_gate_alone(&refused, &options));
     assert!(objections(&small(Some(0.238)), &options).is_empty());
     assert_eq!(objections(&small(Some(0.253)), &options).len(), 1);
+    // Nor what a fit to the others leaves open of the gating ones.
+    let joined = |after: f64| Evidence {
+        joined: Some(GateEvidence {
+            before: 0.28,
+            after,
+        }),
+        ..small(Some(0.36))
+    };
+    assert!(objections(&joined(0.235), &options).is_empty());
+    assert_eq!(objections(&joined(0.275), &options).len(), 1);
+    assert_eq!(objections(&joined(f64::NAN), &options).len(), 1);
     // Others come near, or it is next to nothing.
     for other in [
         Evidence {
