@@ -1,31 +1,64 @@
-//! An effect that is worth nothing without the stator resistance beside which it was found.
+//! Effects that show beside the stator resistance only.
 
-use super::{improved_on, windows};
+use super::{improved_on, plain, windows};
 use loadmodeld::{
     diagnosis::DiagnosisOptions,
+    identification::{IdentificationOptions, identify},
     load_model::effects,
     measurement::Site,
     truth::{Effect, HiddenEffect, SiteOptions, generate},
 };
 
-#[test]
-fn what_is_found_beside_a_resistance_brings_it_along() {
-    let site = Site {
+fn site() -> Site {
+    Site {
         name: "beside".to_owned(),
         s_base_mva: 200.0,
         v_base_kv: 23.0,
         nominal_hz: 60.0,
-    };
-    let seed = 3321;
+    }
+}
+
+fn riding_through(seed: u64) -> HiddenEffect {
     let mut hidden = HiddenEffect::drawn(Effect::DistributedGeneration, seed);
     hidden.set("behaviour", "ride_through").unwrap();
     hidden.set("share", "0.3").unwrap();
+    hidden
+}
+
+#[test]
+fn what_a_resistance_hides_is_found_whichever_is_named_first() {
+    let seed = 3334;
+    let resistance = HiddenEffect::drawn(Effect::StatorResistance, seed);
+    let truth = SiteOptions {
+        noise: 6e-4,
+        composition_spread: 2e-3,
+        ..SiteOptions::varied(site(), seed)
+            .hiding(vec![riding_through(seed), resistance])
+            .leaving_room()
+    };
+    let made = generate(&truth, &mut |_| ()).unwrap();
+    let effects = ["distributed_generation", "stator_resistance"].map(str::to_owned);
+    let structure = [plain(), effects.to_vec()].concat();
+    let options = IdentificationOptions::default();
+    let found = identify(&site(), &windows(&made), &structure, &options, &|| false).unwrap();
+    let mut all = found.set.parameters.iter();
+    let share = all.find(|p| p.name == "distributed_generation.share");
+    let share = share.unwrap().value;
+    // 0.004 where the generation is added first.
+    assert!((0.24..0.36).contains(&share), "{share}");
+    let error = found.set.fit.error_to_noise;
+    assert!(error < 1.15, "{error}");
+}
+
+#[test]
+fn what_is_found_beside_a_resistance_brings_it_along() {
+    let seed = 3321;
     let mut truth = SiteOptions {
         noise: 4e-4,
         composition_spread: 2e-3,
         bad_samples: false,
-        ..SiteOptions::varied(site, seed)
-            .hiding(vec![hidden])
+        ..SiteOptions::varied(site(), seed)
+            .hiding(vec![riding_through(seed)])
             .leaving_room()
     };
     truth.motor.stator_resistance = 0.015;
