@@ -147,6 +147,9 @@ impl Declared for DistributedGeneration {
             // Switched off, soon and late.
             at([0.02, 0.02, 0.1, 1.0], [1.0, 0.003]),
             at([0.02, 0.02, 0.1, 1.0], [1.0, 0.05]),
+            // Only after a longer dip.
+            at([0.02, 0.07, 0.1, 1.0], [1.0, 0.003]),
+            at([0.02, 0.16, 0.1, 1.0], [1.0, 0.003]),
             // Ceasing, back soon and slowly.
             at([0.02, 0.02, 0.1, 0.3], [0.0, 0.03]),
             at([0.02, 0.02, 0.1, 3.0], [0.0, 0.03]),
