@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     identification::{
-        IdentificationError,
+        COMPANION, IdentificationError,
         composed::{Baseline, ComposedFit},
     },
     load_model::{effect::Kind, effects::find},
@@ -26,7 +26,7 @@ use crate::{
 /// trial has it. It is itself reported only when nothing else is.
 ///
 /// `frequency_scaled_power` is none: decision 0018.
-pub(super) const COMPANIONS: [&str; 1] = ["stator_resistance"];
+pub(super) const COMPANIONS: [&str; 1] = [COMPANION];
 /// A companion is kept when it lowers the criterion by this much.
 const COMPANION_DELTA_BIC: f64 = -10.0;
 /// A claim that leaves more than this share of the misfit is held against what the companions resemble.

@@ -59,6 +59,6 @@ pub use profile::{Profile, ProfileOptions, SiteProfile, profile_site};
 pub use reactive_trend::ReactiveTrend;
 pub use refit::FittedStructure;
 pub use robust::RobustLoss;
-pub use site_fit::{AlignedFit, FittedSite, fit_aligned};
+pub use site_fit::{AlignedFit, COMPANION, FittedSite, fit_aligned};
 pub use solution::{Cost, DirectionOutcome, DirectionRecord, Solution};
 pub use verdict::{ChannelVerdict, Decision, Verdict, VerdictStatus};

@@ -23,9 +23,9 @@ use crate::{disturbance::Window, load_model::Structure};
 /// What the noise alone may leave (weighted squares per row, no event differing from another): where more is left effects
 /// are added in other orders, too.
 const FOLLOWED: f64 = 0.7;
-/// What every motor has: where the events are followed, this order is tried all the same, as what is small shows beside it
-/// only.
-const COMPANION: &str = "stator_resistance";
+/// The effect that every motor has. Where the events are followed, the order that begins with it is tried all the same, as
+/// what is small shows beside it only.
+pub const COMPANION: &str = "stator_resistance";
 
 /// The fit of a site before anything is said of it.
 #[derive(Clone, Debug)]
