@@ -3,7 +3,8 @@
 //! Where a motor comes to the edge of stall, a hundredth of its torque and a thousandth of a second decide what it does
 //! next, and the right model may not follow the event. Being fitted to it, models give up the constants that all other
 //! events show, each to another degree, and something else is named or nothing. Such an event is set apart, and said to be.
-//! Not where a second effect may be all that is missing in it: one that explains it by itself speaks against that.
+//! Not where a second effect may be all that is missing in it: one that explains it by itself speaks against that, and so
+//! does load or generation that is gone when the voltage is back (decision 0124).
 
 use super::{
     anew::Stop,
@@ -14,9 +15,12 @@ use super::{
     options::{ClaimOptions, EventSplit},
     trials::{Fitted, Trial},
 };
-use crate::identification::{
-    composed::{ComposedFit, composition_deviations},
-    intake::PreparedEvent,
+use crate::{
+    identification::{
+        composed::{ComposedFit, composition_deviations},
+        intake::PreparedEvent,
+    },
+    numerics::statistics::mean,
 };
 
 /// At most this share of the events is set apart, all that are taken together.
@@ -28,6 +32,13 @@ pub(super) const LEFT_FLOORS: f64 = 4.0;
 /// ... with a composition that is no farther from that of all events, in the deviations that are assumed: a rotor that stands
 /// draws what another composition would.
 const DEVIATION_MAX: f64 = 6.0;
+
+/// The end of an event, s, ...
+const END_S: f64 = 0.5;
+/// ... where the voltage is back, to so much of what it was, ...
+const BACK: f64 = 0.05;
+/// ... and P farther than this from everything between constant power and constant impedance: something was switched.
+const ELSEWHERE: f64 = 0.05;
 
 /// What a model leaves of each event.
 struct Left {
@@ -106,6 +117,33 @@ fn standing_apart(
     explained.then_some((apart, least))
 }
 
+/// Whether load or generation is gone at the end of an event.
+fn ends_elsewhere(event: &PreparedEvent) -> bool {
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "some ten samples"
+    )]
+    let count = (END_S * event.rate_fps).ceil() as usize;
+    let samples = event.voltage.len();
+    let begin = samples.saturating_sub(count).max(event.event_start);
+    let end: Vec<usize> = (begin..samples).filter(|&k| event.used[k]).collect();
+    let of_end = |values: &[f64]| mean(&end.iter().map(|&k| values[k]).collect::<Vec<f64>>());
+    let means = [&event.voltage, &event.active, &event.reactive].map(|values| of_end(values));
+    let [Some(voltage), Some(active), Some(reactive)] = means else {
+        return false;
+    };
+    is_gone(voltage, active, reactive - event.q0_pu / event.p0_pu)
+}
+
+/// Whether means at the end of an event (voltage and P beside those before it, Q over P0 above that) say that something was
+/// switched: the voltage is back and P is not. A rotor that stands or speeds up draws more Q than P departs.
+fn is_gone(voltage: f64, active: f64, more_reactive: f64) -> bool {
+    let impedance = voltage.powi(2);
+    let departs = (active - impedance.max(1.0)).max(impedance.min(1.0) - active);
+    (voltage - 1.0).abs() < BACK && departs > ELSEWHERE && more_reactive < departs
+}
+
 impl Case<'_> {
     /// Whether one more event may be set apart.
     pub(super) fn has_room_apart(&self) -> bool {
@@ -125,6 +163,9 @@ impl Case<'_> {
         let Some((apart, left)) = found else {
             return Ok(());
         };
+        if (apart.iter()).any(|(event, _)| ends_elsewhere(&self.judged[*event])) {
+            return Ok(());
+        }
         let apart = apart.into_iter().map(|(event, why)| {
             let why = match why {
                 Why::Leaves(least) => format!("leaves {least:.1} or more"),
@@ -219,6 +260,15 @@ mod tests {
         assert!(found(&before, &[right(9.0), other]).is_none());
         let followed = ordinary([1.9, 5.3, 16.1, 1.2, 1.6]);
         assert!(found(&followed, &[right(9.0)]).is_none());
+    }
+
+    #[test]
+    fn what_is_switched_is_gone_when_the_voltage_is_back() {
+        assert!(is_gone(0.99, 1.3, 0.05), "generation tripped");
+        assert!(is_gone(1.01, 0.8, -0.1), "motors with their contactors");
+        assert!(!is_gone(0.98, 1.15, 0.9), "a motor stands");
+        assert!(!is_gone(0.96, 0.93, -0.05), "an impedance at 0.96 pu");
+        assert!(!is_gone(0.9, 0.6, -0.1), "the voltage is not back");
     }
 
     fn ordinary(per_row: [f64; 5]) -> Left {

@@ -9,7 +9,8 @@
 //!
 //! For a given voltage that is linear in S, with complex weights: near a jump some of P shows in Q and the
 //! other way round. Away from jumps the filter commutes with a load that responds linearly, and u, P
-//! and Q are taken as they were measured.
+//! and Q are taken as they were measured. Soon after a jump load or generation may be switched, which the filter spreads as well
+//! (decision 0126).
 
 use nalgebra::Complex;
 

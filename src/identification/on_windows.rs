@@ -11,7 +11,7 @@ use super::{
     identify::prepare_all,
     intake::{IntakeOptions, PreparedEvent},
     joint_problem::OUTER,
-    refit::FittedStructure,
+    refit::{FittedStructure, in_earlier_sets},
 };
 use crate::{
     disturbance::Window,
@@ -178,18 +178,17 @@ fn composed_of(
     base: &[f64],
 ) -> Result<ComposedLoad, IdentificationError> {
     let model = ComposedModel::new(&structure);
-    let lag = model.parameters()[model.static_lag()].name.clone();
-    let own = |parameter: &ModelParameter| {
+    let own = |(index, parameter): (usize, &ModelParameter)| {
         let found = set.parameters.iter().find(|p| p.name == parameter.name);
         let name = parameter.name.clone();
         found
             .map(|p| p.value)
             .filter(|v| v.is_finite())
-            // Sets of earlier versions have none.
-            .or_else(|| (name == lag).then_some(0.0))
+            .or_else(|| in_earlier_sets(&model, index))
             .ok_or(IdentificationError::IncompleteSet { name })
     };
-    let effects = model.parameters().iter().skip(base.len()).map(own);
+    let all = model.parameters().iter().enumerate();
+    let effects = all.skip(base.len()).map(own);
     let values: Vec<f64> = effects.collect::<Result<_, _>>()?;
     // The set's coordinates are those of its operating point.
     let OperatingPoint { v0_pu, p0_pu, .. } = set.operating_point;

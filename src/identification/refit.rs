@@ -7,7 +7,8 @@ use super::{
 use crate::load_model::{
     Structure,
     composed::{ComposedModel, ModelParameter},
-    effect::Role,
+    effect::{Declared, Role},
+    effects,
 };
 
 /// A structure with a value for every parameter.
@@ -53,15 +54,10 @@ impl FittedStructure {
         let model = ComposedModel::new(&structure);
         let value = |(index, parameter): (usize, &ModelParameter)| {
             let found = (self.values.iter()).find(|(known, _)| *known == parameter.name);
-            // Sets of earlier versions have neither a lag nor counts.
-            let earlier = match parameter.declaration.role {
-                Role::Count => Some(parameter.declaration.typical),
-                _ => (index == model.static_lag()).then_some(0.0),
-            };
             found
                 .map(|(_, value)| *value)
                 .filter(|value| value.is_finite())
-                .or(earlier)
+                .or_else(|| in_earlier_sets(&model, index))
                 .ok_or_else(|| IdentificationError::IncompleteSet {
                     name: parameter.name.clone(),
                 })
@@ -74,6 +70,16 @@ impl FittedStructure {
             parameters,
         })
     }
+}
+
+/// The value of a parameter that sets of earlier versions do not have: a lag, counts, and what goes with Q0/P0.
+pub(super) fn in_earlier_sets(model: &ComposedModel, index: usize) -> Option<f64> {
+    let parameter = &model.parameters()[index];
+    let effect = parameter.effect.and_then(effects::find);
+    let by_ratio = effect.and_then(Declared::by_reactive_ratio) == Some(parameter.declaration.name);
+    let earlier =
+        parameter.declaration.role == Role::Count || by_ratio || index == model.static_lag();
+    earlier.then_some(parameter.declaration.typical)
 }
 
 #[cfg(test)]
@@ -114,6 +120,18 @@ mod tests {
         let load = fitted.load().unwrap();
         let at = load.model.index(name).unwrap();
         assert!((load.parameters[at] - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn in_a_set_of_earlier_versions_nothing_goes_with_the_reactive_power() {
+        let mut fitted = typical(&["zip", "induction_motor", "motor_undervoltage_trip"]);
+        let name = "motor_undervoltage_trip.capacitors_by_q0_over_p0";
+        fitted.values.retain(|(known, _)| known != name);
+        let load = fitted.load().unwrap();
+        assert_eq!(
+            load.parameters[load.model.index(name).unwrap()].to_bits(),
+            0
+        );
     }
 
     #[test]

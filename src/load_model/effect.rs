@@ -329,6 +329,11 @@ pub trait Declared: Debug + Send + Sync {
         None
     }
 
+    /// Name of a shape that is a change by Q0/P0: the equations get it times what Q0/P0 is in the event above that of the site.
+    fn by_reactive_ratio(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Values of the shapes (those of [`Declaration::shapes`], in order) at which a screen should
     /// look for the effect while its amplitude is zero and the shapes cannot be estimated. May
     /// depend on the motor found so far.

@@ -1,5 +1,5 @@
-//! What parameters of the site are at the operating point of an event: amplitudes that do not follow the load (1), and the
-//! composition beside them (2).
+//! What parameters of the site are at the operating point of an event: amplitudes that do not follow the load (1), the
+//! composition beside them (2), and what goes with Q0/P0.
 //!
 //! ```text
 //! a_e = a P0^-e,   d a_e/d a = P0^-e,   d a_e/d e = -a_e ln P0                      (1)
@@ -69,6 +69,14 @@ pub(super) fn load_exponents(model: &ComposedModel) -> Vec<LoadExponent> {
     list
 }
 
+/// Places of the parameters that are changes by Q0/P0.
+fn by_reactive_ratio(model: &ComposedModel) -> impl Iterator<Item = usize> + '_ {
+    model.effect_names().filter_map(|effect| {
+        let name = effects::find(effect)?.by_reactive_ratio()?;
+        model.index(&format!("{effect}.{name}"))
+    })
+}
+
 /// The whole load, which is what is measured and what amplitudes with an exponent feed, over P0, in an event and at the
 /// operating point of the site: shares of the whole load stay.
 ///
@@ -132,6 +140,12 @@ pub(super) fn at_operating_point(
     }
     for (value, offset) in own[REACTIVE].iter_mut().zip(event.reactive_offset) {
         *value += offset;
+    }
+    for place in by_reactive_ratio(model) {
+        let ratio = event.q0_pu / event.p0_pu;
+        let change = event.site.map_or(0.0, |site| ratio - site.ratio);
+        own[place] *= change;
+        slopes[place] = change;
     }
     if let Some(site) = &event.site
         && !exponents.is_empty()

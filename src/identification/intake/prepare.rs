@@ -502,7 +502,7 @@ fn terminal_input(measured: &Measured, voltage: &Voltage, speed_rad_s: f64) -> T
 fn dense_intervals(measured: &Measured, voltage: &Voltage, samples: usize) -> Vec<bool> {
     let reach = measured.half_width.ceil() as usize;
     let mut dense = vec![false; samples - 1];
-    for k in (0..samples).filter(|&k| measured.in_reach(voltage.jumps(), k)) {
+    for k in (0..samples).filter(|&k| measured.changes(voltage.jumps(), k)) {
         let window = k.saturating_sub(reach + 1)..(k + reach + 1).min(samples - 1);
         dense[window].fill(true);
     }
@@ -517,7 +517,7 @@ fn chain(
 ) -> MeasurementChain {
     let positions: Vec<f64> = voltage.jumps().iter().map(|j| j.position).collect();
     let filtered: Vec<bool> = (0..measured.log.len())
-        .map(|k| measured.in_reach(voltage.jumps(), k))
+        .map(|k| measured.changes(voltage.jumps(), k))
         .collect();
     MeasurementChain::new(&ChainParts {
         input,

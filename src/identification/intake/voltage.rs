@@ -45,6 +45,9 @@ const BEYOND_AFTER: usize = 3;
 const ROUNDS: usize = 3;
 /// Time after a jump during which the filter is taken into account beyond its own width, seconds.
 const SETTLING_S: f64 = 0.035;
+/// A relay that a jump of the voltage makes operate does so within this time; what it switches is a jump of the load behind the
+/// same filter.
+const SWITCHED_WITHIN_S: f64 = 0.2;
 /// What follows a jump, relative to it: fluxes that settle, within 20 ms ...
 const FAST: (f64, f64) = (0.2, 0.02);
 /// ... and rotors that swing at 30 rad/s, within 0.1 s. Sizes of ordinary motors, chosen generously: they
@@ -113,6 +116,17 @@ impl Measured {
             let after = sample as f64 - jump.position;
             (-(self.half_width + 1.0)..=self.half_width + settling).contains(&after)
         })
+    }
+
+    /// Samples that the filter changes: those in reach of a jump, and those over which it may spread what a jump has
+    /// switched.
+    pub(super) fn changes(&self, jumps: &[Jump], sample: usize) -> bool {
+        let switched = |jump: &Jump| {
+            let after_s = (sample as f64 - jump.position) * self.interval_s;
+            (0.0..=SWITCHED_WITHIN_S).contains(&after_s)
+        };
+        self.in_reach(jumps, sample)
+            || self.filter != PhasorFilter::None && jumps.iter().any(switched)
     }
 
     /// Samples whose filter window holds a jump.

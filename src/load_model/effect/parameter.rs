@@ -133,6 +133,16 @@ impl Parameter {
         Self { reference, ..self }
     }
 
+    /// The same, believed without data to be about `centre`.
+    #[must_use]
+    pub const fn with_centre(self, centre: f64) -> Self {
+        let prior = Prior {
+            centre,
+            ..self.prior
+        };
+        Self { prior, ..self }
+    }
+
     /// Whether the effect vanishes at the neutral value (of all its amplitudes).
     #[must_use]
     pub const fn is_amplitude(&self) -> bool {

@@ -17,8 +17,10 @@
 //! ```
 //!
 //! with `p, q` of the motors that stay and `p', q'` of the share, magnetisation included, and `b` the
-//! capacitors at the terminals of the motors, which leave with them: what they feed at V0, over the initial active power `K F P0` of
-//! the share. `open` picks up when the voltage
+//! capacitors at the terminals of the motors, which leave with them: what they feed at 1 pu, over the initial active power `K F P0` of
+//! the share. Where a load draws more Q of its P at one event than at another, either these motors do so as well, with fewer
+//! capacitors each, or others do: in an event they are `b V0^2 + b_r r`, with `r` what Q0/P0 is there above that of the site, `b_r = -1` for
+//! motors that have the power factor of the load, and 0 where nothing of them changes. `open` picks up when the voltage
 //! has been low for `T_tr`; then the contacts part after `T_o`, all of them within `T_s`, also when the voltage
 //! is back by then. A return time beyond the window means no return. Once all are on again and the voltage is above `V_tr`, the relays
 //! are as they were at first: the next dip trips the motors again. Two groups with different settings
@@ -42,6 +44,9 @@ use crate::{
     numerics::Elementary,
 };
 
+/// What is believed of `b_r` without data: between what motors with the power factor of the load have and none.
+const CAPACITORS_BY_RATIO: f64 = -0.5;
+
 /// Undervoltage trip of motors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MotorUndervoltageTrip;
@@ -54,7 +59,7 @@ const DECLARATION: Declaration = Declaration {
     name: "motor_undervoltage_trip",
     title: "Undervoltage trip of motors",
     kind: Kind::Physics,
-    version: 4,
+    version: 5,
     parameters: &[
         Parameter::one_sided(["share", "F", "1"], [0.3, 1.0, 0.03]),
         Parameter::shape(["trip_voltage", "V_tr", "pu"], [0.4, 0.7, 0.94], 0.12)
@@ -64,7 +69,8 @@ const DECLARATION: Declaration = Declaration {
             .with_resolution(relay::MOTOR_TIME_RESOLUTION_S),
         Parameter::positive_shape(["opening_s", "T_o", "s"], [0.001, 0.03, 0.3], 1.0),
         Parameter::positive_shape(["opening_spread_s", "T_s", "s"], [0.004, 0.02, 0.15], 0.8),
-        Parameter::shape(["capacitors", "b", "1"], [0.0, 0.3, 1.5], 0.4),
+        Parameter::shape(["capacitors", "b", "1"], [0.0, 0.3, 1.5], 0.4)
+            .with_reference(Reference::GroupAdmittance),
         Parameter::shape(["return_voltage", "V_rc", "pu"], [0.5, 0.8, 0.95], 0.1)
             .with_reference(Reference::Voltage)
             .with_resolution(relay::VOLTAGE_RESOLUTION_PU),
@@ -72,6 +78,12 @@ const DECLARATION: Declaration = Declaration {
             .with_resolution(relay::TIME_RESOLUTION_S),
         Parameter::positive_shape(["inertia", "h", "1"], [0.25, 1.0, 4.0], 0.4),
         MOTOR_REACTANCE,
+        Parameter::shape(
+            ["capacitors_by_q0_over_p0", "b_r", "1"],
+            [-1.5, 0.0, 0.5],
+            0.5,
+        )
+        .with_centre(CAPACITORS_BY_RATIO),
     ],
     states: &[
         state("trip_timer", "s"),
@@ -117,6 +129,10 @@ impl Declared for MotorUndervoltageTrip {
         Some("trip_time_s")
     }
 
+    fn by_reactive_ratio(&self) -> Option<&'static str> {
+        Some("capacitors_by_q0_over_p0")
+    }
+
     fn nuisance_grid(&self, _motor: &MotorCoordinates<f64>) -> Vec<Vec<f64>> {
         // Motors that come back draw an inrush: at a wrong moment it is worse than none.
         let returns_s = [
@@ -125,8 +141,10 @@ impl Declared for MotorUndervoltageTrip {
         let mut points = Vec::new();
         for (opening_s, returns_s) in [(0.01, &returns_s[..]), (0.05, &[0.4, 300.0])] {
             for return_time_s in returns_s {
-                let shapes = [0.7, 0.02, opening_s, 0.02, 0.3, 0.8, *return_time_s, 1.0];
-                points.push(shapes.to_vec());
+                let [returns_pu, inertia] = [0.8, 1.0];
+                let opens = [0.7, 0.02, opening_s, 0.02, 0.3];
+                let closes = [returns_pu, *return_time_s, inertia, CAPACITORS_BY_RATIO];
+                points.push(opens.into_iter().chain(closes).collect());
             }
         }
         points
@@ -228,7 +246,7 @@ impl<S: Elementary> Equations<S> for MotorUndervoltageTrip {
         let [active, reactive] = rest.motor.power(&motor_state(x), at.motor_phasor);
         let [re, im] = at.motor_phasor;
         let magnetising = rest.motor.susceptance * (re * re + im * im);
-        let capacitors = (-share + 1.0) * p[5] * at.voltage * at.voltage;
+        let capacitors = (-share + 1.0) * (p[5] + p[10]) * at.voltage * at.voltage;
         let group = rest.motor_share * p[0];
         [
             group * (share * (active * at.motor_factor) - at.motor[0]),

@@ -36,7 +36,7 @@ pub(super) const RETURN_RESOLUTION_PU: f64 = 0.0023;
 pub(super) const TIME_RESOLUTION_S: f64 = 0.0012;
 
 /// The same of a delay after which motors are switched. Behind an instrument's filter a switching shows smeared over
-/// `h` (a nominal cycle of 17 to 20 ms) to both sides, which the model applies at jumps of the voltage only; what was
+/// `h` (a nominal cycle of 17 to 20 ms) to both sides, which the model applies near jumps of the voltage and for 0.2 s after them; what was
 /// switched meanwhile changes at the rate `alpha` of the motor's flux (30 1/s), which moves the middle of
 /// the smear by `h^2/6 alpha`, 1.4 ms. With [`TIME_RESOLUTION_S`].
 pub(super) const MOTOR_TIME_RESOLUTION_S: f64 = 0.0018;

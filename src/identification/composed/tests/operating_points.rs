@@ -108,3 +108,28 @@ fn generation_that_stays_leaves_the_composition_of_the_whole_load() {
     let (own, _) = at_operating_point(&model, &parameters, &event);
     assert!((own[3] - parameters[3]).abs() < 1e-12);
 }
+
+#[test]
+fn capacitors_of_motors_go_with_the_reactive_power_of_the_load() {
+    let (model, parameters) = model_with(
+        "motor_undervoltage_trip",
+        &[
+            ("share", 0.4),
+            ("trip_voltage", 0.75),
+            ("capacitors_by_q0_over_p0", -0.6),
+        ],
+    );
+    let place = model
+        .index("motor_undervoltage_trip.capacitors_by_q0_over_p0")
+        .unwrap();
+    let event = event();
+    let change = event.q0_pu / event.p0_pu - TREND.ratio;
+    assert!(change.abs() > 0.02, "{change}");
+    let (own, slopes) = at_operating_point(&model, &parameters, &event);
+    assert!((own[place] + 0.6 * change).abs() < 1e-12);
+    assert!((slopes[place] - change).abs() < 1e-12);
+    assert_derivatives_agree(&model, &parameters, &[place]);
+    // Where the site is not known the event is the site.
+    let (own, _) = at_operating_point(&model, &parameters, &events().remove(1));
+    assert!(own[place].abs() < 1e-12);
+}

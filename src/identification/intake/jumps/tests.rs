@@ -192,6 +192,21 @@ fn a_swing_at_a_low_rate_is_no_jump() {
 }
 
 #[test]
+fn what_a_jump_switches_is_behind_the_filter_too() {
+    let changed = |filter: PhasorFilter| -> Vec<usize> {
+        let found = found(60.0, filter, (0.906_1, 0.990_7), &[]);
+        let jumps: Vec<Jump> = found.jumps.iter().map(|j| j.0).collect();
+        let samples = 0..found.measured.log.len();
+        let changes = |k: &usize| found.measured.changes(&jumps, *k);
+        samples.filter(changes).collect()
+    };
+    // From a window before the first jump, at 54.4 samples, to 0.2 s after the second, at 59.4.
+    let expected: Vec<usize> = (53..=71).collect();
+    assert_eq!(changed(PhasorFilter::PClass), expected);
+    assert!(changed(PhasorFilter::None).is_empty());
+}
+
+#[test]
 fn unfiltered_jumps_keep_their_instant_open() {
     let found = found(60.0, PhasorFilter::None, (0.906_1, 0.990_7), &[]);
     assert_eq!(found.filter, Some(PhasorFilter::None));
