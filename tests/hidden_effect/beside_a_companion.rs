@@ -54,7 +54,7 @@ fn what_a_resistance_hides_is_found_whichever_is_named_first() {
 fn what_is_found_beside_a_resistance_brings_it_along() {
     let seed = 3321;
     let mut truth = SiteOptions {
-        noise: 4e-4,
+        noise: 6e-4,
         composition_spread: 2e-3,
         bad_samples: false,
         ..SiteOptions::varied(site(), seed)
@@ -90,5 +90,5 @@ fn what_is_found_beside_a_resistance_brings_it_along() {
     assert!(told[2].1 < told[1].1, "{told:?}");
     let untouched = |step: usize| found.steps[step].errors.untouched.as_ref().unwrap();
     let errors = [0, 2].map(|step| untouched(step).error_to_noise);
-    assert!(errors[1] < 0.7 * errors[0], "{errors:?}");
+    assert!(errors[1] < 0.8 * errors[0], "{errors:?}");
 }
