@@ -70,13 +70,16 @@ impl BandedNormalEquations {
             let from = i.saturating_sub(band);
             for j in from..=i {
                 let common = from.max(j.saturating_sub(band));
-                let mut value = self.lower[i * width + band + j - i];
-                for k in common..j {
-                    let left = self.lower[i * width + band + k - i];
-                    value -= left * self.lower[j * width + band + k - j].conj();
+                // Where column 0 of each row would be.
+                let [own, other] = [i, j].map(|row| row * width + band - row);
+                let mut value = self.lower[own + j];
+                let left = &self.lower[own + common..own + j];
+                let right = &self.lower[other + common..other + j];
+                for (left, right) in left.iter().zip(right) {
+                    value -= left * right.conj();
                 }
-                let diagonal = self.lower[j * width + band].re;
-                self.lower[i * width + band + j - i] = if i == j {
+                let diagonal = self.lower[other + j].re;
+                self.lower[own + j] = if i == j {
                     if !(value.re > 0.0 && value.re.is_finite()) {
                         return None;
                     }
@@ -102,11 +105,13 @@ impl BandedSolution {
     fn substitute(&mut self) {
         let (band, width, size) = (self.half_bandwidth, self.half_bandwidth + 1, self.x.len());
         for i in 0..size {
+            let from = i.saturating_sub(band);
+            let row = &self.factor[(i + 1) * width - 1 - (i - from)..(i + 1) * width];
             let mut value = self.x[i];
-            for k in i.saturating_sub(band)..i {
-                value -= self.factor[i * width + band + k - i] * self.x[k];
+            for (factor, x) in row.iter().zip(&self.x[from..i]) {
+                value -= factor * x;
             }
-            self.x[i] = value / self.factor[i * width + band].re;
+            self.x[i] = value / row[i - from].re;
         }
         for i in (0..size).rev() {
             let mut value = self.x[i];

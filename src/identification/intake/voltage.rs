@@ -16,7 +16,11 @@
 use nalgebra::Complex;
 
 use super::super::phasor_filter::PhasorFilter;
-use crate::numerics::banded::{BandedNormalEquations, BandedSolution};
+use crate::numerics::banded::BandedSolution;
+
+mod terms;
+
+use terms::{Term, Terms};
 
 pub(super) type Log = Complex<f64>;
 
@@ -163,13 +167,14 @@ impl Voltage {
     ) -> Option<Self> {
         let mut voltage = Self::initial(measured, (from, to), jumps, start);
         let curved = (from..=to).any(|k| measured.in_reach(jumps, k));
+        let terms = Terms::new(&voltage, measured);
         let mut last = None;
         for _ in 0..if curved { ROUNDS } else { 1 } {
-            let solution = voltage.normal_equations(measured).solve()?;
+            let solution = terms.normal_equations(&voltage, measured).solve()?;
             voltage.nodes.clone_from(&solution.x);
             last = Some(solution);
         }
-        voltage.finish(measured, &last?);
+        voltage.finish(measured, &terms, &last?);
         Some(voltage)
     }
 
@@ -212,32 +217,6 @@ impl Voltage {
         }
     }
 
-    /// Linearised rows of (1) at the present nodes.
-    fn normal_equations(&self, measured: &Measured) -> BandedNormalEquations {
-        let precision = measured.noise.powi(-2);
-        let mut rows = Vec::new();
-        for k in (self.from..=self.to).filter(|&k| !measured.bad[k]) {
-            if measured.in_reach(&self.jumps, k) {
-                rows.push(self.filtered_row(measured, k));
-            } else {
-                let node = self.node_of(k);
-                rows.push((node, vec![Complex::new(1.0, 0.0)], measured.log[k]));
-            }
-        }
-        let widest = rows.iter().map(|r| r.1.len()).max().unwrap_or(1);
-        let band = (widest - 1).max(3);
-        let mut equations = BandedNormalEquations::new(self.nodes.len(), band);
-        for (first, coefficients, target) in rows {
-            equations.add(first, &coefficients, target, precision);
-        }
-        let third = [-1.0, 3.0, -3.0, 1.0].map(|x| Complex::new(x, 0.0));
-        let zero = Complex::new(0.0, 0.0);
-        for (node, size) in self.third_differences(measured) {
-            equations.add(node, &third, zero, size.powi(-2));
-        }
-        equations
-    }
-
     /// First node and expected size of every third difference.
     fn third_differences(&self, measured: &Measured) -> Vec<(usize, f64)> {
         let mut list = Vec::with_capacity(self.nodes.len());
@@ -251,83 +230,13 @@ impl Voltage {
         list
     }
 
-    /// A row of (1) for a filtered sample: coefficients of the nodes and what they should sum to.
-    fn filtered_row(&self, measured: &Measured, sample: usize) -> (usize, Vec<Log>, Log) {
-        let quadrature = self.quadrature(measured, sample as f64);
-        let first = quadrature.iter().map(|q| q.nodes.0).min().unwrap_or(0);
-        let end = quadrature.iter().map(|q| q.nodes.0 + 4).max().unwrap_or(0);
-        let end = end.min(self.nodes.len());
-        let mut coefficients = vec![Complex::new(0.0, 0.0); end - first];
-        let mut modelled = Complex::new(0.0, 0.0);
-        let mut linear = Complex::new(0.0, 0.0);
-        // Relative to the measured phasor, so that the noise is the same everywhere.
-        for q in &quadrature {
-            let l = self.at_nodes(q.nodes);
-            let part = (l - measured.log[sample]).exp() * q.weight;
-            modelled += part;
-            for (node, share) in (q.nodes.0..end).zip(q.nodes.1) {
-                coefficients[node - first] += part * share;
-                linear += part * share * self.nodes[node];
-            }
-        }
-        (first, coefficients, linear + 1.0 - modelled)
-    }
-
-    /// Points and weights of the filter around `time`, split at jumps; the weights sum to 1.
-    fn quadrature(&self, measured: &Measured, time: f64) -> Vec<Point> {
-        /// Longest panel of Simpson's rule, samples.
-        const PANEL: f64 = 0.5;
-        let half = measured.half_width;
-        let (low, high) = (
-            (time - half).max(self.from as f64),
-            (time + half).min(self.to as f64),
-        );
-        let mut ends = vec![low, time.clamp(low, high), high];
-        ends.extend(
-            self.jumps
-                .iter()
-                .map(|j| j.position)
-                .filter(|p| *p > low && *p < high),
-        );
-        ends.sort_by(f64::total_cmp);
-        let mut points = Vec::new();
-        let mut total = 0.0;
-        for pair in ends.windows(2) {
-            let (a, b) = (pair[0], pair[1]);
-            let length = b - a;
-            if length <= 0.0 {
-                continue;
-            }
-            let piece = self.piece_at(0.5 * (a + b));
-            let panels = (length / PANEL).ceil().max(1.0);
-            let mut left = a;
-            while left < b - 1e-9 {
-                let right = (left + length / panels).min(b);
-                for (t, share) in [(left, 1.0), (0.5 * (left + right), 4.0), (right, 1.0)] {
-                    let weight =
-                        measured.filter.weight((t - time) / half) * share * (right - left) / 6.0;
-                    total += weight;
-                    points.push(Point {
-                        weight,
-                        nodes: self.pieces[piece].interpolation(t),
-                    });
-                }
-                left = right;
-            }
-        }
-        for point in &mut points {
-            point.weight /= total;
-        }
-        points
-    }
-
-    fn finish(&mut self, measured: &Measured, solution: &BandedSolution) {
+    fn finish(&mut self, measured: &Measured, terms: &Terms, solution: &BandedSolution) {
         let mut sum = 0.0;
-        for k in (self.from..=self.to).filter(|&k| !measured.bad[k]) {
-            sum += (self.residual(measured, k) / measured.noise).norm_sqr();
+        for residual in terms.residuals(self, measured) {
+            sum += (residual / measured.noise).norm_sqr();
         }
         let mut ln_prior = 0.0;
-        for (node, size) in self.third_differences(measured) {
+        for &(node, size) in &terms.third_differences {
             let x = &self.nodes[node..node + 4];
             let third = x[3] - x[0] + (x[1] - x[2]) * 3.0;
             sum += third.norm_sqr() / (size * size);
@@ -342,7 +251,9 @@ impl Voltage {
     /// by itself, whatever the recurrence for the inverse's diagonal loses to rounding where the
     /// stiffness ranges over many decades.
     pub(super) fn with_variances(mut self, measured: &Measured) -> Option<Self> {
-        self.variance = self.normal_equations(measured).solve()?.variances();
+        let terms = Terms::new(&self, measured);
+        let equations = terms.normal_equations(&self, measured);
+        self.variance = equations.solve()?.variances();
         let alone = measured.noise * measured.noise;
         for sample in (self.from..=self.to).filter(|&k| !measured.bad[k]) {
             let node = self.node_of(sample);
@@ -356,16 +267,9 @@ impl Voltage {
 
     /// Measured over modelled phasor minus one, to first order.
     pub(super) fn residual(&self, measured: &Measured, sample: usize) -> Complex<f64> {
-        if measured.in_reach(&self.jumps, sample) {
-            let seen: Complex<f64> = self
-                .quadrature(measured, sample as f64)
-                .iter()
-                .map(|q| (self.at_nodes(q.nodes) - measured.log[sample]).exp() * q.weight)
-                .sum();
-            Complex::new(1.0, 0.0) - seen
-        } else {
-            measured.log[sample] - self.nodes[self.node_of(sample)]
-        }
+        let mut points = Vec::new();
+        let term = Term::new(self, measured, sample, &mut points);
+        term.residual(self, measured, &points)
     }
 
     /// The jumps.
@@ -435,12 +339,6 @@ impl Voltage {
         let (low, high) = (side(&self.pieces[index]), side(&self.pieces[index + 1]));
         low + (high - low) * share
     }
-}
-
-/// A point of a quadrature: its weight and the nodes that make l there.
-struct Point {
-    weight: f64,
-    nodes: (usize, [f64; 4]),
 }
 
 impl Piece {
