@@ -11,6 +11,8 @@ pub struct BandedNormalEquations {
     half_bandwidth: usize,
     /// Row i holds columns `i - half_bandwidth ..= i`.
     lower: Vec<Complex<f64>>,
+    /// The first column of each row that any equation touches: what lies before it stays zero in the factor as well.
+    first: Vec<usize>,
     right: Vec<Complex<f64>>,
 }
 
@@ -22,6 +24,7 @@ pub struct BandedSolution {
     /// Logarithm of the determinant of the matrix.
     pub ln_determinant: f64,
     half_bandwidth: usize,
+    first: Vec<usize>,
     factor: Vec<Complex<f64>>,
 }
 
@@ -34,6 +37,7 @@ impl BandedNormalEquations {
             size,
             half_bandwidth,
             lower: vec![zero; size * (half_bandwidth + 1)],
+            first: (0..size).collect(),
             right: vec![zero; size],
         }
     }
@@ -52,6 +56,7 @@ impl BandedNormalEquations {
         for (i, a) in coefficients.iter().enumerate() {
             let scaled = a.conj() * weight;
             let row = first + i;
+            self.first[row] = self.first[row].min(first);
             self.right[row] += scaled * target;
             let origin = row * width + self.half_bandwidth;
             for (j, b) in coefficients[..=i].iter().enumerate() {
@@ -60,16 +65,37 @@ impl BandedNormalEquations {
         }
     }
 
-    /// Solves by Cholesky's method, `O(size half_bandwidth^2)`; `None` where the matrix is not
-    /// positive definite.
+    /// [`Self::add`] with real coefficients.
+    pub fn add_real(
+        &mut self,
+        first: usize,
+        coefficients: &[f64],
+        target: Complex<f64>,
+        weight: f64,
+    ) {
+        let width = self.half_bandwidth + 1;
+        for (i, a) in coefficients.iter().enumerate() {
+            let scaled = a * weight;
+            let row = first + i;
+            self.first[row] = self.first[row].min(first);
+            self.right[row] += target * scaled;
+            let origin = row * width + self.half_bandwidth;
+            for (j, b) in coefficients[..=i].iter().enumerate() {
+                self.lower[origin - (i - j)].re += scaled * b;
+            }
+        }
+    }
+
+    /// Solves by Cholesky's method within each row's own band, at most `O(size half_bandwidth^2)`; `None` where the matrix
+    /// is not positive definite.
     #[must_use]
     pub fn solve(mut self) -> Option<BandedSolution> {
         let (band, width) = (self.half_bandwidth, self.half_bandwidth + 1);
         let mut ln_determinant = 0.0;
         for i in 0..self.size {
-            let from = i.saturating_sub(band);
+            let from = self.first[i];
             for j in from..=i {
-                let common = from.max(j.saturating_sub(band));
+                let common = from.max(self.first[j]);
                 // Where column 0 of each row would be.
                 let [own, other] = [i, j].map(|row| row * width + band - row);
                 let mut value = self.lower[own + j];
@@ -94,6 +120,7 @@ impl BandedNormalEquations {
             x: std::mem::take(&mut self.right),
             ln_determinant,
             half_bandwidth: band,
+            first: self.first,
             factor: self.lower,
         };
         solution.substitute();
@@ -105,7 +132,7 @@ impl BandedSolution {
     fn substitute(&mut self) {
         let (band, width, size) = (self.half_bandwidth, self.half_bandwidth + 1, self.x.len());
         for i in 0..size {
-            let from = i.saturating_sub(band);
+            let from = self.first[i];
             let row = &self.factor[(i + 1) * width - 1 - (i - from)..(i + 1) * width];
             let mut value = self.x[i];
             for (factor, x) in row.iter().zip(&self.x[from..i]) {
@@ -192,6 +219,47 @@ mod tests {
         }
         let determinant = dense.determinant();
         assert!((solution.ln_determinant - determinant.re.ln()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn rows_with_bands_of_their_own_and_real_ones_agree_with_a_dense_solution() {
+        let size = 12;
+        let mut banded = BandedNormalEquations::new(size, 4);
+        let mut dense = DMatrix::<Complex<f64>>::zeros(size, size);
+        let mut right = DVector::<Complex<f64>>::zeros(size);
+        let mut add = |first: usize, row: &[Complex<f64>], target: Complex<f64>, weight: f64| {
+            for (i, a) in row.iter().enumerate() {
+                right[first + i] += a.conj() * target * weight;
+                for (j, b) in row.iter().enumerate() {
+                    dense[(first + i, first + j)] += a.conj() * b * weight;
+                }
+            }
+        };
+        let target = |k: usize| Complex::new((k as f64).cos(), 0.3 * k as f64);
+        for k in 0..size {
+            banded.add_real(k, &[1.5], target(k), 2.0);
+            add(k, &[Complex::new(1.5, 0.0)], target(k), 2.0);
+        }
+        for first in [0, 1, 6] {
+            let row = [-1.0, 3.0, -3.0, 1.0];
+            banded.add_real(first, &row, target(first), 0.7);
+            add(
+                first,
+                &row.map(|x| Complex::new(x, 0.0)),
+                target(first),
+                0.7,
+            );
+        }
+        let wide = [0.4, -0.2, 1.1, 0.9, -0.5].map(|x| Complex::new(x, 1.0 - x));
+        banded.add(5, &wide, target(5), 3.0);
+        add(5, &wide, target(5), 3.0);
+        let solution = banded.solve().unwrap();
+        let inverse = dense.clone().try_inverse().unwrap();
+        let expected = &inverse * right;
+        for i in 0..size {
+            assert!((solution.x[i] - expected[i]).norm() < 1e-12);
+            assert!((solution.variances()[i] - inverse[(i, i)].re).abs() < 1e-12);
+        }
     }
 
     #[test]

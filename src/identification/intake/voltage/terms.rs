@@ -62,17 +62,17 @@ impl Terms {
             let first = term.nodes.start;
             if term.points.is_empty() {
                 let target = measured.log[term.sample];
-                equations.add(first, &[Complex::new(1.0, 0.0)], target, precision);
+                equations.add_real(first, &[1.0], target, precision);
             } else {
                 let points = &self.points[term.points.clone()];
                 let target = term.linearised(voltage, measured, points, &mut coefficients);
                 equations.add(first, &coefficients, target, precision);
             }
         }
-        let third = [-1.0, 3.0, -3.0, 1.0].map(|x| Complex::new(x, 0.0));
+        let third = [-1.0, 3.0, -3.0, 1.0];
         let zero = Complex::new(0.0, 0.0);
         for (node, size) in &self.third_differences {
-            equations.add(*node, &third, zero, size.powi(-2));
+            equations.add_real(*node, &third, zero, size.powi(-2));
         }
         equations
     }
