@@ -233,10 +233,21 @@ impl<'a> EventRows<'a> {
         late: Option<&Lateness>,
         [active, reactive]: [&Vec<Vec<f64>>; 2],
     ) {
-        let mut single = vec![0.0; self.count()];
+        let mut single = Vec::new();
         for (column, terms) in sources.columns.iter().enumerate() {
             let mut into = rows.column_mut(column);
-            for (place, factor) in terms {
+            let Some(((place, factor), others)) = terms.split_first() else {
+                continue;
+            };
+            self.report(
+                late,
+                &active[*place],
+                &reactive[*place],
+                into.as_mut_slice(),
+            );
+            into *= *factor;
+            for (place, factor) in others {
+                single.resize(self.count(), 0.0);
                 self.report(late, &active[*place], &reactive[*place], &mut single);
                 for (row, value) in into.iter_mut().zip(&single) {
                     *row += *factor * value;

@@ -527,15 +527,10 @@ impl ComposedModel {
             None => Sensitivities::<PAIRS>::constant(parameters[i]),
         };
         let found = self.pass(drive, grid, variable, acting, course)?;
-        let mut columns: DerivativeColumns = [Vec::new(), Vec::new()];
-        for (columns, series) in columns.iter_mut().zip(&found) {
-            columns.resize_with(by.len(), || Vec::with_capacity(series.len()));
-            for y in series {
-                for (column, derivative) in columns.iter_mut().zip(y.derivatives()) {
-                    column.push(derivative);
-                }
-            }
-        }
+        let columns: DerivativeColumns = [0, 1].map(|channel| {
+            let column = |lane: usize| found[channel].iter().map(|y| y.derivative(lane)).collect();
+            (0..by.len()).map(column).collect()
+        });
         let infinite = |column: &Vec<f64>| column.iter().position(|d| !d.is_finite());
         if let Some(output) = columns.iter().flatten().find_map(infinite) {
             return Err(SimulationError::NotFinite { output });
