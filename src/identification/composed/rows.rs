@@ -287,6 +287,9 @@ impl<'a> EventRows<'a> {
         wanted: &[usize],
         motor: Option<&MotorCourse>,
     ) -> Result<DMatrix<f64>, SimulationError> {
+        if wanted.is_empty() {
+            return Ok(DMatrix::zeros(self.count(), 0));
+        }
         let by_delay = model.delay().is_some_and(|delay| wanted.contains(&delay));
         if let Some(motor) = motor.filter(|_| !by_delay) {
             let (own, slopes) = at_operating_point(model, parameters, self.event);
