@@ -186,80 +186,95 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
-    #[test]
-    fn a_banded_solution_agrees_with_a_dense_one() {
-        let size = 9;
-        let mut banded = BandedNormalEquations::new(size, 3);
-        let mut dense = DMatrix::<Complex<f64>>::zeros(size, size);
-        let mut right = DVector::<Complex<f64>>::zeros(size);
-        for k in 0..12_usize {
-            let first = k % (size - 3);
-            let row: Vec<Complex<f64>> = (0..4)
-                .map(|j| {
-                    let x = (7 * k + 3 * j) as f64;
-                    Complex::new(x.sin(), (1.7 * x).cos())
-                })
-                .collect();
-            let target = Complex::new(k as f64, 1.0 - k as f64);
-            let weight = 0.5 + 0.1 * k as f64;
-            banded.add(first, &row, target, weight);
-            for i in 0..4 {
-                right[first + i] += row[i].conj() * target * weight;
-                for j in 0..4 {
-                    dense[(first + i, first + j)] += row[i].conj() * row[j] * weight;
+    /// Rows of equations as they are added, and the same system in full.
+    struct Both {
+        banded: BandedNormalEquations,
+        matrix: DMatrix<Complex<f64>>,
+        right: DVector<Complex<f64>>,
+    }
+
+    impl Both {
+        fn new(size: usize, half_bandwidth: usize) -> Self {
+            Self {
+                banded: BandedNormalEquations::new(size, half_bandwidth),
+                matrix: DMatrix::zeros(size, size),
+                right: DVector::zeros(size),
+            }
+        }
+
+        fn add(
+            &mut self,
+            first: usize,
+            row: &[Complex<f64>],
+            (target, weight): (Complex<f64>, f64),
+        ) {
+            self.banded.add(first, row, target, weight);
+            self.add_in_full(first, row, (target, weight));
+        }
+
+        fn add_real(&mut self, first: usize, row: &[f64], (target, weight): (Complex<f64>, f64)) {
+            self.banded.add_real(first, row, target, weight);
+            let row: Vec<Complex<f64>> = row.iter().map(|x| Complex::new(*x, 0.0)).collect();
+            self.add_in_full(first, &row, (target, weight));
+        }
+
+        fn add_in_full(
+            &mut self,
+            first: usize,
+            row: &[Complex<f64>],
+            (target, weight): (Complex<f64>, f64),
+        ) {
+            for (i, a) in row.iter().enumerate() {
+                self.right[first + i] += a.conj() * target * weight;
+                for (j, b) in row.iter().enumerate() {
+                    self.matrix[(first + i, first + j)] += a.conj() * b * weight;
                 }
             }
         }
-        let solution = banded.solve().unwrap();
-        let inverse = dense.clone().try_inverse().unwrap();
-        let expected = &inverse * right;
-        for i in 0..size {
-            assert!((solution.x[i] - expected[i]).norm() < 1e-9);
-            assert!((solution.variances()[i] - inverse[(i, i)].re).abs() < 1e-9);
+
+        /// Solution, variances and determinant, banded and in full.
+        fn agree(self) {
+            let solution = self.banded.solve().unwrap();
+            let inverse = self.matrix.clone().try_inverse().unwrap();
+            let expected = &inverse * self.right;
+            for (i, variance) in solution.variances().into_iter().enumerate() {
+                assert!((solution.x[i] - expected[i]).norm() < 1e-9);
+                assert!((variance - inverse[(i, i)].re).abs() < 1e-9);
+            }
+            let determinant = self.matrix.determinant();
+            assert!((solution.ln_determinant - determinant.re.ln()).abs() < 1e-9);
         }
-        let determinant = dense.determinant();
-        assert!((solution.ln_determinant - determinant.re.ln()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_banded_solution_agrees_with_a_dense_one() {
+        let size = 9;
+        let mut both = Both::new(size, 3);
+        for k in 0..12_usize {
+            let row = [0, 1, 2, 3].map(|j| {
+                let x = (7 * k + 3 * j) as f64;
+                Complex::new(x.sin(), (1.7 * x).cos())
+            });
+            let target = Complex::new(k as f64, 1.0 - k as f64);
+            both.add(k % (size - 3), &row, (target, 0.5 + 0.1 * k as f64));
+        }
+        both.agree();
     }
 
     #[test]
     fn rows_with_bands_of_their_own_and_real_ones_agree_with_a_dense_solution() {
         let size = 12;
-        let mut banded = BandedNormalEquations::new(size, 4);
-        let mut dense = DMatrix::<Complex<f64>>::zeros(size, size);
-        let mut right = DVector::<Complex<f64>>::zeros(size);
-        let mut add = |first: usize, row: &[Complex<f64>], target: Complex<f64>, weight: f64| {
-            for (i, a) in row.iter().enumerate() {
-                right[first + i] += a.conj() * target * weight;
-                for (j, b) in row.iter().enumerate() {
-                    dense[(first + i, first + j)] += a.conj() * b * weight;
-                }
-            }
-        };
+        let mut both = Both::new(size, 4);
         let target = |k: usize| Complex::new((k as f64).cos(), 0.3 * k as f64);
         for k in 0..size {
-            banded.add_real(k, &[1.5], target(k), 2.0);
-            add(k, &[Complex::new(1.5, 0.0)], target(k), 2.0);
+            both.add_real(k, &[1.5], (target(k), 2.0));
         }
         for first in [0, 1, 6] {
-            let row = [-1.0, 3.0, -3.0, 1.0];
-            banded.add_real(first, &row, target(first), 0.7);
-            add(
-                first,
-                &row.map(|x| Complex::new(x, 0.0)),
-                target(first),
-                0.7,
-            );
+            both.add_real(first, &[-1.0, 3.0, -3.0, 1.0], (target(first), 0.7));
         }
         let wide = [0.4, -0.2, 1.1, 0.9, -0.5].map(|x| Complex::new(x, 1.0 - x));
-        banded.add(5, &wide, target(5), 3.0);
-        add(5, &wide, target(5), 3.0);
-        let solution = banded.solve().unwrap();
-        let inverse = dense.clone().try_inverse().unwrap();
-        let expected = &inverse * right;
-        for i in 0..size {
-            assert!((solution.x[i] - expected[i]).norm() < 1e-12);
-            assert!((solution.variances()[i] - inverse[(i, i)].re).abs() < 1e-12);
-        }
+        both.add(5, &wide, (target(5), 3.0));
+        both.agree();
     }
 
     #[test]

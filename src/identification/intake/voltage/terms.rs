@@ -97,21 +97,21 @@ impl Term {
         points: &mut Vec<Point>,
     ) -> Self {
         let begun = points.len();
-        if !measured.in_reach(&voltage.jumps, sample) {
-            let node = voltage.node_of(sample);
-            return Self {
-                sample,
-                nodes: node..node + 1,
-                points: begun..begun,
-            };
+        if measured.in_reach(&voltage.jumps, sample) {
+            add_quadrature(voltage, measured, sample as f64, points);
         }
-        add_quadrature(voltage, measured, sample as f64, points);
-        let own = &points[begun..];
-        let first = own.iter().map(|q| q.nodes.0).min().unwrap_or(0);
-        let end = own.iter().map(|q| q.nodes.0 + 4).max().unwrap_or(0);
+        let first = points[begun..].iter().map(|q| q.nodes.0).min();
+        let end = points[begun..].iter().map(|q| q.nodes.0 + 4).max();
+        let nodes = match first.zip(end) {
+            Some((first, end)) => first..end.min(voltage.nodes.len()),
+            None => {
+                let node = voltage.node_of(sample);
+                node..node + 1
+            }
+        };
         Self {
             sample,
-            nodes: first..end.min(voltage.nodes.len()),
+            nodes,
             points: begun..points.len(),
         }
     }
