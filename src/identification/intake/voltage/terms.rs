@@ -102,12 +102,11 @@ impl Term {
         }
         let first = points[begun..].iter().map(|q| q.nodes.0).min();
         let end = points[begun..].iter().map(|q| q.nodes.0 + 4).max();
-        let nodes = match first.zip(end) {
-            Some((first, end)) => first..end.min(voltage.nodes.len()),
-            None => {
-                let node = voltage.node_of(sample);
-                node..node + 1
-            }
+        let nodes = if let Some((first, end)) = first.zip(end) {
+            first..end.min(voltage.nodes.len())
+        } else {
+            let node = voltage.node_of(sample);
+            node..node + 1
         };
         Self {
             sample,
