@@ -9,7 +9,7 @@ use crate::identification::{
     IdentificationError,
     composed::{self, ComposedFit, ComposedFitOptions, RISE_OF_LEFT, RelaySetting, SettingOf},
     intake::PreparedEvent,
-    relay_edges::{has_dip, longest_below_s, lowest_pu},
+    relay_edges::{has_dip, lowest_pu},
 };
 
 /// Of the events that an effect is asked to foretell at most this share may be left out.
@@ -83,7 +83,7 @@ impl Case<'_> {
             let between = |value: f64| one.min(other) < value && value < one.max(other);
             let shows = |e: &PreparedEvent| match setting.of {
                 SettingOf::Level => between(lowest_pu(e)),
-                SettingOf::PickUp { level_pu } => between(longest_below_s(e, level_pu)),
+                SettingOf::PickUp { level_pu } => between(e.longest_below_s(level_pu)),
             };
             !events.iter().any(|e| has_dip(e, setting.dip) && shows(e))
         };

@@ -50,12 +50,6 @@ pub fn lowest_pu(event: &PreparedEvent) -> f64 {
     event.v0_pu * event.input.lowest_voltage()
 }
 
-/// How long an event stays below a voltage in a row at most, s.
-#[must_use]
-pub fn longest_below_s(event: &PreparedEvent, voltage_pu: f64) -> f64 {
-    event.input.longest_below_s(voltage_pu / event.v0_pu)
-}
-
 /// Whether an event says anything of what acts at the dip of this number, counted from 1.
 #[must_use]
 pub fn has_dip(event: &PreparedEvent, number: f64) -> bool {
@@ -126,9 +120,9 @@ impl Relay {
         }
         let first = *self.band.end();
         let times: Vec<f64> = (known.iter())
-            .map(|event| longest_below_s(event, first))
+            .map(|event| event.longest_below_s(first))
             .collect();
-        let lasts_s = longest_below_s(event, first);
+        let lasts_s = event.longest_below_s(first);
         self.pick_up_s
             .filter(|pick_up_s| is_open_time(lasts_s, *pick_up_s, &times))
             .map(|_| {

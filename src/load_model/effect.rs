@@ -279,6 +279,12 @@ pub trait Declared: Debug + Send + Sync {
         None
     }
 
+    /// Names of the shapes that are how long after [`Self::pick_up`] the first contact parts, and how long after that the
+    /// last, if there are such.
+    fn parting(&self) -> Option<[&'static str; 2]> {
+        None
+    }
+
     /// Names of threshold and span where the first is nothing but the voltage at which a band begins.
     fn band(&self) -> Option<[&'static str; 2]> {
         Some([self.threshold()?, self.span()?])

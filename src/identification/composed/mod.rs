@@ -29,6 +29,7 @@ mod screening;
 mod sources;
 mod spread;
 mod threshold;
+mod waiting;
 
 #[cfg(test)]
 pub(in crate::identification) mod tests;

@@ -6,13 +6,14 @@ use super::{
     rows::EventRows,
     screening::Step,
     threshold::settled_with_others,
+    waiting,
 };
 use crate::{
     identification::intake::PreparedEvent,
     load_model::{composed::Accuracy, effect::Effect, effects},
 };
 
-/// Walks of the relays' settings after a fit, at most.
+/// How often the relays' settings are walked after a fit, and others tried, at most.
 const WALKS_MAX: usize = 3;
 
 /// `fit`, of a structure to which `effect` was added last, fitted to the end; its threshold in the middle
@@ -76,11 +77,22 @@ pub(super) fn refine_rows(
     if given_up {
         return best;
     }
-    for _ in 0..WALKS_MAX {
-        let Some(walked) = walked(rows, &best, options, cancel) else {
-            break;
-        };
-        best = walked;
+    let other = |fit: &ComposedFit, from: Option<Vec<f64>>| {
+        let found = fit_rows(rows, &fit.model, &from?, &fit.free, options, cancel)?;
+        let gained = fit.minus_twice_log_posterior() - found.minus_twice_log_posterior();
+        let evaluations = found.evaluations + fit.evaluations;
+        (gained > relay_walk::WORTH).then_some(ComposedFit {
+            evaluations,
+            ..found
+        })
+    };
+    for settings in [relay_walk::from_fit, waiting::from_fit] {
+        for _ in 0..WALKS_MAX {
+            let Some(found) = other(&best, settings(rows, &best, options, cancel)) else {
+                break;
+            };
+            best = found;
+        }
     }
     let step = Step {
         rows,
@@ -113,18 +125,4 @@ fn of_another_size(step: &Step<'_>, fit: ComposedFit) -> ComposedFit {
     let lower =
         |found: &ComposedFit| found.minus_twice_log_posterior() < fit.minus_twice_log_posterior();
     found.filter(lower).unwrap_or(fit)
-}
-
-/// A fit begun where a walk of the relays' settings leads from `fit`; none where that is no lower.
-fn walked(
-    rows: &[EventRows<'_>],
-    fit: &ComposedFit,
-    options: &ComposedFitOptions,
-    cancel: &(dyn Fn() -> bool + Sync),
-) -> Option<ComposedFit> {
-    let from = relay_walk::from_fit(rows, fit, options, cancel)?;
-    let mut found = fit_rows(rows, &fit.model, &from, &fit.free, options, cancel)?;
-    found.evaluations += fit.evaluations;
-    let gained = fit.minus_twice_log_posterior() - found.minus_twice_log_posterior();
-    (gained > relay_walk::WORTH).then_some(found)
 }

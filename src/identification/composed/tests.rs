@@ -25,6 +25,7 @@ mod distances;
 mod operating_points;
 mod stated_errors;
 mod thresholds;
+mod waiting;
 
 const RATE_FPS: f64 = 60.0;
 const SAMPLES: usize = 300;

@@ -174,6 +174,12 @@ impl PreparedEvent {
         2 * self.used.iter().filter(|used| **used).count()
     }
 
+    /// How long it stays below a voltage in a row at most, s.
+    #[must_use]
+    pub fn longest_below_s(&self, voltage_pu: f64) -> f64 {
+        self.input.longest_below_s(voltage_pu / self.v0_pu)
+    }
+
     /// Whether P and Q can tell more about the instants of the jumps: no filter has spread them, so
     /// that voltages leave them open, or so short a one that one or two voltages hold each.
     #[must_use]

@@ -124,6 +124,10 @@ impl Declared for DistributedGeneration {
         Some("delay_s")
     }
 
+    fn parting(&self) -> Option<[&'static str; 2]> {
+        Some(["opening_s", "opening_spread_s"])
+    }
+
     fn span(&self) -> Option<&'static str> {
         Some("span")
     }

@@ -129,6 +129,10 @@ impl Declared for MotorUndervoltageTrip {
         Some("trip_time_s")
     }
 
+    fn parting(&self) -> Option<[&'static str; 2]> {
+        Some(["opening_s", "opening_spread_s"])
+    }
+
     fn by_reactive_ratio(&self) -> Option<&'static str> {
         Some("capacitors_by_q0_over_p0")
     }

@@ -114,6 +114,10 @@ impl Declared for SelfDisconnection {
         Some("time_s")
     }
 
+    fn parting(&self) -> Option<[&'static str; 2]> {
+        Some(["opening_s", "opening_spread_s"])
+    }
+
     fn counts_dips(&self) -> Option<&'static str> {
         Some("dips")
     }
