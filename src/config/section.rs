@@ -6,6 +6,7 @@ use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
 use super::problems::{Problem, place};
+use crate::load_model::user_effects;
 
 /// What was found in a table and those below it.
 #[derive(Debug, Default)]
@@ -378,17 +379,11 @@ fn between((lowest, highest): (f64, f64)) -> String {
 
 /// The known key most like an unknown one, or all of them.
 fn nearest(unknown: &str, known: &[&str]) -> String {
-    let alike = |known: &&&str| {
-        let common = unknown
-            .chars()
-            .zip(known.chars())
-            .take_while(|(a, b)| a == b)
-            .count();
-        let contained = known.contains(unknown) || unknown.contains(**known);
-        (contained, common)
-    };
-    match known.iter().max_by_key(alike) {
-        Some(best) if alike(&best).0 || alike(&best).1 >= 4 => format!("perhaps {best}"),
-        _ => known.join(", "),
+    let part_of = |one: &str, other: &str| one.len() >= 4 && other.contains(one);
+    let contained = |name: &&str| part_of(unknown, name) || part_of(name, unknown);
+    let names = || known.iter().copied();
+    match user_effects::nearest(unknown, names()).or_else(|| names().find(contained)) {
+        Some(best) => format!("perhaps {best}"),
+        None => known.join(", "),
     }
 }

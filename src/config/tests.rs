@@ -131,6 +131,7 @@ manual_approval = \"yes\"
 name = \"a b\"
 s_base_mva = -1
 v_base_kv = 110
+id = 3
 
 [unknown]
 ";
@@ -146,7 +147,8 @@ v_base_kv = 110
             "bad.toml:13:1: site.nominal_hz: missing; allowed: the nominal frequency, 10 to 100 Hz",
             "bad.toml:14:8: site.name: \"a b\" is not admissible; allowed: 1 to 128 bytes, none of / * $ ? # or space, not beginning with @ or .",
             "bad.toml:15:14: site.s_base_mva: -1 is not admissible; allowed: 0.001 to 1000000",
-            "bad.toml:18:2: unknown: unknown key; allowed: instance, zenoh, store, http, log, workers, measurement, detection, screening, identification, diagnosis, effects, publishing, site",
+            "bad.toml:17:1: site.id: unknown key; allowed: name, s_base_mva, v_base_kv, nominal_hz, rate_fps, expected, lag_ms, gap_restart_s, grid_tolerance_share, off_grid_restart_s, structure, detection, screening, parameter, recording, c37118",
+            "bad.toml:19:2: unknown: unknown key; allowed: instance, zenoh, store, http, log, workers, measurement, detection, screening, identification, diagnosis, effects, publishing, site",
         ]
     );
 }

@@ -410,10 +410,19 @@ impl<'a> Case<'a> {
         if events.is_empty() {
             return Ok(None);
         }
-        let events: Vec<PreparedEvent> = events.iter().map(|e| align(model, e)).collect();
+        let events = aligned(model, events);
         errors(model, &StaticModel::fit(&self.judged), &events)
             .map(Some)
             .map_err(|error| not_simulated(model, &events, &error))
+    }
+
+    /// The untouched events, their jumps where a fit explains them best.
+    pub(super) fn untouched_as(
+        &self,
+        structure: &Structure,
+        fit: &ComposedFit,
+    ) -> Vec<PreparedEvent> {
+        aligned(&load(structure, fit), &self.untouched)
     }
 
     /// What a fit says in all events, in the order of their names.
@@ -463,6 +472,10 @@ impl<'a> Case<'a> {
         };
         conclude(self.site, fitted_site, &self.options.identification)
     }
+}
+
+fn aligned(model: &ComposedLoad, events: &[PreparedEvent]) -> Vec<PreparedEvent> {
+    events.iter().map(|event| align(model, event)).collect()
 }
 
 fn not_simulated(

@@ -4,20 +4,27 @@ use super::{
     case::Case,
     diagnose::ERROR_TO_NOISE_FLOOR,
     outcome::{ImprovementStep, Status, StructureErrors},
+    own_compositions::left_in_untouched,
     round::Round,
     trials::{Fitted, Trial},
 };
 use crate::identification::composed::ComposedFit;
 
 /// What is said first of an answer: the error of the structure where nothing is missing, how it falls where
-/// an effect is named. `errors` are those of the structure as asked.
+/// an effect is named. `errors` are those of `fit`, of the structure as asked.
 pub(super) fn convincing(
     case: &Case<'_>,
     round: &Round,
+    fit: &ComposedFit,
     errors: &StructureErrors,
 ) -> Option<String> {
     match round.decision.status {
-        Status::Adequate => Some(left(errors)),
+        Status::Adequate => {
+            let structure = &round.asked.baseline.structure;
+            let beyond = left_in_untouched(case, structure, fit, errors)
+                .map_or_else(String::new, |told| format!("; {told}"));
+            Some(left(errors) + &beyond)
+        }
         Status::MissingEffect | Status::InstrumentSuspect => claimed(case, round, errors),
         Status::UnknownEffect | Status::CannotJudge => None,
     }

@@ -180,7 +180,7 @@ pub(super) fn report(case: &Case<'_>, round: &Round) -> Result<Diagnosis, Identi
         structure: structure.names(),
         status: round.decision.status,
         summary: summary(round, &answer_set),
-        reasons: convincing(case, round, &baseline)
+        reasons: convincing(case, round, fit, &baseline)
             .into_iter()
             .chain(round.decision.reasons.iter().cloned())
             .chain(case.changes.told())

@@ -29,6 +29,5 @@ mod tests;
 
 pub use document::FILE_BYTES_MAX;
 pub use file::EffectFile;
-pub use problem::Problem;
-pub(in crate::load_model) use problem::nearest;
+pub use problem::{Problem, nearest};
 pub use together::conflicts;

@@ -76,11 +76,8 @@ pub(super) fn suggestion<'a>(name: &str, known: impl Iterator<Item = &'a str> + 
     }
 }
 
-/// The known name that is close to another.
-pub(in crate::load_model) fn nearest<'a>(
-    name: &str,
-    known: impl Iterator<Item = &'a str>,
-) -> Option<&'a str> {
+/// The known name that is close to another, if there is one.
+pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     let nearest = known
         .map(|k| (distance(name, k), k))
         .min_by_key(|(d, _)| *d);
@@ -88,28 +85,17 @@ pub(in crate::load_model) fn nearest<'a>(
     nearest.filter(close).map(|(_, k)| k)
 }
 
-/// Edit distance, where a change of case costs nothing beyond 1 in all. Names longer than 64
-/// characters are not compared.
+/// Letters changed, put in, left out or exchanged with the next one; a change of case costs nothing beyond 1 in all. Names
+/// longer than 64 characters are not compared.
 fn distance(one: &str, other: &str) -> usize {
     const LONGEST: usize = 64;
     if one.eq_ignore_ascii_case(other) {
         return 1;
     }
-    let (one, other): (Vec<char>, Vec<char>) = (one.chars().collect(), other.chars().collect());
-    if one.len() > LONGEST || other.len() > LONGEST {
+    if one.chars().count() > LONGEST || other.chars().count() > LONGEST {
         return usize::MAX;
     }
-    let mut row: Vec<usize> = (0..=other.len()).collect();
-    for (i, a) in one.iter().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, b) in other.iter().enumerate() {
-            let replaced = diagonal + usize::from(a != b);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[other.len()]
+    strsim::osa_distance(one, other)
 }
 
 #[cfg(test)]

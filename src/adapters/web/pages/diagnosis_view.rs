@@ -176,7 +176,7 @@ fn refitted_line(diagnosis: &DiagnosisV1, candidate: &CandidateV1) -> Markup {
                     " " a.quiet href={ "?with=" (segment(&candidate.effect)) "#what-it-does" } aria-label={ "Draw " (words::effect(&candidate.effect)) } { "draw" }
                 }
             }
-            td data-label="Verdict" { (standing(diagnosis, candidate)) }
+            td.verdict data-label="Verdict" { (standing(diagnosis, candidate)) }
             td.num.time data-label="Held-out error, × noise" {
                 @if let Some((before, after)) = errors { (before) " → " strong { (after) } }
             }
