@@ -12,8 +12,8 @@ pub(super) struct GateEvidence {
 /// What speaks for one effect.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Evidence {
-    /// The load, not the instrument.
-    pub(super) physics: bool,
+    /// The instrument, with an error of a size that instruments have: it is the simpler cause.
+    pub(super) blamed_first: bool,
     /// Change of the criterion on all judged events.
     pub(super) delta_bic: f64,
     /// Weighted squares per row without it ...

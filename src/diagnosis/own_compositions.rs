@@ -57,13 +57,12 @@ fn told(left: &ErrorSummary, error: f64) -> String {
         return format!("{told}: most of it is the load, which changes from event to event");
     }
     let most = (left.events.iter()).max_by(|a, b| a.error_to_noise.total_cmp(&b.error_to_noise));
-    match most.filter(|_| left.events.len() > 1) {
-        Some(most) => format!(
-            "{told}, most in {} ({:.2})",
-            most.event, most.error_to_noise
-        ),
-        None => told,
-    }
+    let most = most.filter(|_| left.events.len() > 1);
+    let most = most.map(|most| format!(", most in {} ({:.2})", most.event, most.error_to_noise));
+    let away = left.error_to_noise_away_from_edges;
+    let at_edges = beyond(away) <= SMALLER_PART * beyond(own);
+    let away = at_edges.then(|| format!(", away from the jumps of the voltage {away:.2}"));
+    told + &most.unwrap_or_default() + &away.unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -80,6 +79,7 @@ mod tests {
         };
         let summary = |error_to_noise| ErrorSummary {
             error_to_noise,
+            error_to_noise_away_from_edges: error_to_noise,
             events: vec![event("a", 1.2), event("b", 3.4), event("c", 0.9)],
             ..ErrorSummary::default()
         };
@@ -88,5 +88,7 @@ mod tests {
         let mut one = summary(2.1);
         one.events.truncate(1);
         assert!(told(&one, 2.6).ends_with("it is 2.10"));
+        one.error_to_noise_away_from_edges = 1.2;
+        assert!(told(&one, 2.6).ends_with("it is 2.10, away from the jumps of the voltage 1.20"));
     }
 }

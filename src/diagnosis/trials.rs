@@ -16,7 +16,7 @@ use crate::{
         relay_edges::{amplitude, lowest_pu, shows_no_part},
     },
     load_model::{
-        effect::{Declaration, Kind},
+        effect::{Declaration, Kind, Parameter},
         effects,
     },
 };
@@ -29,6 +29,8 @@ const HOPELESS_SHARE: f64 = 0.1;
 /// Where the model leaves more than this per row, a score says little of what has a threshold: it is
 /// refitted whatever its share.
 pub(super) const FAR_PER_ROW: f64 = 10.0;
+/// An instrument's error is no simpler cause than the load where it is so many deviations from what is believed of it.
+const ORDINARY_DEVIATIONS: f64 = 2.0;
 /// So many of the best trials are held against the gate, whatever else speaks against them.
 const GATED_MIN: usize = 3;
 
@@ -370,17 +372,17 @@ fn refine(
 fn evidence(case: &Case<'_>, base: &Fitted, trial: &Trial, added: &ComposedFit) -> Evidence {
     let before = &base.baseline.all;
     let (value, meaningful) = amplitude(trial.declaration, added);
+    let estimates = composed_parameters(added, trial.name());
     Evidence {
-        physics: trial.declaration.kind == Kind::Physics,
+        blamed_first: trial.declaration.kind == Kind::Instrument
+            && (estimates.iter()).all(|e| is_of_ordinary_size(trial.declaration, e)),
         delta_bic: added.criterion() - before.criterion(),
         chi_square_before: before.chi_square_per_row(),
         chi_square_after: added.chi_square_per_row(),
         unseen_span: unseen_span(case, trial.name(), added),
         amplitude_over_meaningful: value / meaningful,
         amplitude_over_error: None,
-        at_bound: composed_parameters(added, trial.name())
-            .iter()
-            .any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
+        at_bound: (estimates.iter()).any(|p| p.at_bound && at_wrong_end(trial.declaration, p)),
         squares_after: added.squares.iter().sum(),
         gate: None,
         in_turn: None,
@@ -402,7 +404,7 @@ fn amplitude_over_error(declaration: &Declaration, estimates: &[ParameterEstimat
     over_error.max_by(f64::total_cmp)
 }
 
-/// Whether an effect acts in parts between two voltages, and no event's lowest voltage shows a part.
+/// Whether an effect that acts in events does so in parts between two voltages, and no event's lowest voltage shows a part.
 fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool {
     let shape = |shape: &str| {
         let index = added.model.index(&format!("{name}.{shape}"))?;
@@ -412,9 +414,10 @@ fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool
         let (first, span) = (shape(effect.threshold()?)?, shape(effect.span()?)?);
         Some((first, span))
     });
-    let lowest = case.judged.iter();
-    let lowest = lowest.map(lowest_pu);
-    band.is_some_and(|(first, span)| shows_no_part(first, span, lowest))
+    let lowest = || case.judged.iter().map(lowest_pu);
+    band.is_some_and(|(first, span)| {
+        lowest().any(|voltage| voltage < first) && shows_no_part(first, span, lowest())
+    })
 }
 
 /// Holds against the gate, of trials whose best come first, whatever might be claimed and come near the first that
@@ -471,14 +474,26 @@ fn hold_against_gate(
     Ok(())
 }
 
+/// The declaration of an amplitude that has been estimated; none of what is none.
+fn amplitude_declared<'a>(
+    declaration: &'a Declaration,
+    estimate: &ParameterEstimate,
+) -> Option<&'a Parameter> {
+    let own = estimate.name.rsplit('.').next()?;
+    let mut declared = declaration.parameters.iter();
+    declared.find(|p| p.name == own && p.is_amplitude())
+}
+
+/// Whether an amplitude is within what is believed of nearly all of its kind.
+fn is_of_ordinary_size(declaration: &Declaration, estimate: &ParameterEstimate) -> bool {
+    amplitude_declared(declaration, estimate).is_none_or(|p| {
+        (estimate.value - p.prior.centre).abs() <= ORDINARY_DEVIATIONS * p.prior.deviation
+    })
+}
+
 /// Whether a parameter lies on a bound that says the effect has to be stretched to describe the data:
 /// not an amplitude that is absent, and not a shape whose bound is a case of its own.
 fn at_wrong_end(declaration: &Declaration, estimate: &ParameterEstimate) -> bool {
-    let declared = declaration
-        .parameters
-        .iter()
-        .find(|p| estimate.name.rsplit('.').next() == Some(p.name));
-    declared.is_some_and(|p| {
-        p.is_amplitude() && (estimate.value - p.neutral).abs() > 0.5 * (p.upper - p.neutral)
-    })
+    amplitude_declared(declaration, estimate)
+        .is_some_and(|p| (estimate.value - p.neutral).abs() > 0.5 * (p.upper - p.neutral))
 }

@@ -189,7 +189,7 @@ fn rival(candidate: &Candidate, in_answer: bool) -> Markup {
         td.number { (candidate.share_of_best_gain.map_or(ABSENT.to_owned(), |s| fixed(100.0 * s, 0))) }
         td.parameters { @for (index, parameter) in candidate.parameters.iter().enumerate() {
             @if index > 0 { br; }
-            code { (parameter.name) } " " (significant(parameter.value, 3))
+            code { (own_name(&parameter.name)) } " " (significant(parameter.value, 3))
             @if parameter.unit != "1" { " " (parameter.unit) }
             @if let Some(error) = parameter.standard_error { " ± " (significant(error, 2)) }
             @if parameter.at_bound { " " span.flag { "on a bound" } }
@@ -201,6 +201,11 @@ fn rival(candidate: &Candidate, in_answer: bool) -> Markup {
             }
         }
     } }
+}
+
+/// The name of a parameter within its effect.
+fn own_name(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
 }
 
 /// Effects on which the events are silent.
@@ -265,7 +270,7 @@ pub(super) fn terms(unexplained: &Unexplained) -> Markup {
                 th.number scope="col" { "Explains, %" }
             } }
             tbody { @for term in &unexplained.terms { tr {
-                th scope="row" { code { (term.formula) } }
+                th scope="row" { code.formula { (term.formula) } }
                 td { (term.channel) }
                 td.number { (significant(100.0 * term.coefficient, 3)) }
                 td.number { (fixed(100.0 * term.share, 0)) }

@@ -4,7 +4,7 @@ use super::*;
 
 pub(in crate::diagnosis) fn evidence(delta_bic: f64, after: f64, physics: bool) -> Evidence {
     Evidence {
-        physics,
+        blamed_first: !physics,
         delta_bic,
         chi_square_before: 10.0,
         chi_square_after: after,
