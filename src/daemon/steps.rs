@@ -35,6 +35,8 @@ use crate::{
 
 /// Calls of retention in one round: bounds how long other steps wait.
 const PRUNE_CALLS_MAX: usize = 8;
+/// With less than this left on its disk a store cannot be counted on to take a window.
+const DISK_FREE_BYTES_MIN: u64 = 1_000_000;
 
 /// Carries out the core's commands to the store.
 #[derive(Clone, Debug)]
@@ -292,7 +294,9 @@ impl Steps {
 
     fn measure(&self, now_ns: i64) -> Result<StoreMeasured, StoreError> {
         let answer = self.store.check().and_then(|()| self.store.counts(now_ns));
-        self.health.set_store(answer.is_ok());
+        let disk_free_bytes = self.store.disk_free_bytes();
+        let has_space = disk_free_bytes.is_none_or(|free| free >= DISK_FREE_BYTES_MIN);
+        self.health.set_store(answer.is_ok() && has_space);
         let counts = answer?;
         Ok(StoreMeasured {
             jobs_queued: counts.jobs_queued,
@@ -300,6 +304,7 @@ impl Steps {
             jobs_parked: counts.jobs_parked,
             oldest_due_job_age_ns: counts.oldest_due_job_age_ns,
             bytes: counts.bytes,
+            disk_free_bytes,
         })
     }
 

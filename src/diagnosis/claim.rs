@@ -90,9 +90,9 @@ pub(super) fn answer_set(list: &[(Evidence, bool)], options: &ClaimOptions) -> V
 pub(super) type Order = (bool, f64);
 
 /// The place of an effect with a criterion among those that it is not told from. An instrument that explains as much
-/// as the load is blamed first where its error is one that instruments have: it is the simpler cause. What acts in parts between two voltages, where no event
-/// shows a part, is behind what switches at one, unless its criterion is lower by as much as a claim needs: dips between
-/// the fitted ones are foretold as the prior has them.
+/// as the load is blamed first where its error is one that instruments have: it is the simpler cause. What acts in parts
+/// between two voltages, where no event shows a part, is behind what switches at one, unless its criterion is lower by as
+/// much as a claim needs: dips between the fitted ones are foretold as the prior has them.
 pub(super) fn order(evidence: &Evidence, criterion: f64, options: &ClaimOptions) -> Order {
     let unseen = if evidence.unseen_span {
         options.delta_bic_min

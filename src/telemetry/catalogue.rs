@@ -346,6 +346,12 @@ pub const STORE_ERRORS: Declaration = counter(
 );
 /// Size of the store.
 pub const STORE_BYTES: Declaration = gauge("loadmodeld_store_bytes", &[], "Size of the store.");
+/// What the store's disk has left.
+pub const STORE_DISK_FREE_BYTES: Declaration = gauge(
+    "loadmodeld_store_disk_free_bytes",
+    &[],
+    "Space that the disk of the store has left for the service.",
+);
 /// Rows deleted by retention.
 pub const STORE_PRUNED: Declaration = counter(
     "loadmodeld_store_pruned_total",
@@ -419,6 +425,7 @@ pub const CATALOGUE: &[Declaration] = &[
     QUERIES,
     STORE_ERRORS,
     STORE_BYTES,
+    STORE_DISK_FREE_BYTES,
     STORE_PRUNED,
     LOOP_STEP,
     START_TIMESTAMP,

@@ -44,6 +44,8 @@ pub struct StoreMeasured {
     pub oldest_due_job_age_ns: i64,
     /// Size, bytes.
     pub bytes: u64,
+    /// What its disk has left, bytes; none where that is not known.
+    pub disk_free_bytes: Option<u64>,
 }
 
 impl Occurrence for StoreMeasured {
@@ -57,6 +59,9 @@ impl Occurrence for StoreMeasured {
             seconds(self.oldest_due_job_age_ns),
         );
         metrics.set(&catalogue::STORE_BYTES, &[], self.bytes as f64);
+        if let Some(free) = self.disk_free_bytes {
+            metrics.set(&catalogue::STORE_DISK_FREE_BYTES, &[], free as f64);
+        }
     }
 }
 

@@ -46,7 +46,7 @@ pub struct HealthReport {
     pub ready: bool,
     /// Seconds since the loop's last step.
     pub loop_idle_seconds: f64,
-    /// Whether the store answered the last time.
+    /// Whether the store answered the last time, and its disk had space left.
     pub store: bool,
     /// Whether the zenoh session is open.
     pub zenoh: bool,

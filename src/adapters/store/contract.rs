@@ -286,6 +286,9 @@ pub trait Store: fmt::Debug + Send + Sync {
     /// Numbers for metrics.
     fn counts(&self, now_ns: i64) -> Result<StoreCounts, StoreError>;
 
+    /// Bytes that its disk has left for who runs this; none where that cannot be known.
+    fn disk_free_bytes(&self) -> Option<u64>;
+
     /// Whether the store answers and is whole, as far as a quick look tells.
     fn check(&self) -> Result<(), StoreError>;
 }

@@ -84,6 +84,12 @@ impl SqliteStore {
         })
     }
 
+    /// Bytes that the file's disk has left for who runs this.
+    pub(super) fn free_bytes(&self) -> Option<u64> {
+        let disk = rustix::fs::statvfs(&self.path).ok()?;
+        Some(disk.f_bavail.saturating_mul(disk.f_frsize))
+    }
+
     /// Runs `work` in one writing transaction; an error takes everything back.
     pub(super) fn write<T>(
         &self,

@@ -357,6 +357,10 @@ impl Store for SqliteStore {
         self.read(Operation("count"), |c| upkeep::counts(c, now_ns))
     }
 
+    fn disk_free_bytes(&self) -> Option<u64> {
+        self.free_bytes()
+    }
+
     fn check(&self) -> Result<(), StoreError> {
         self.read(Operation("look at itself"), upkeep::check)
     }

@@ -57,6 +57,14 @@ fn sqlite_conforms() {
 }
 
 #[test]
+fn the_space_left_is_that_of_the_disk_that_holds_the_file() {
+    let (directory, store) = fresh(&SqliteOptions::default());
+    assert!(store.disk_free_bytes().is_some_and(|free| free > 0));
+    fs::remove_file(directory.path().join("store.sqlite")).unwrap();
+    assert_eq!(store.disk_free_bytes(), None);
+}
+
+#[test]
 fn what_was_answered_survives_a_holder_that_never_closed() {
     let (directory, store) = fresh(&SqliteOptions::default());
     save_windows(&store, 0..3).unwrap();

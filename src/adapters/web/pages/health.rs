@@ -55,7 +55,7 @@ impl HealthPage {
                 format!("last step {:.1} s ago", report.loop_idle_seconds.max(0.0)),
             ),
             (
-                "The store answers",
+                "The store answers and has space",
                 report.store && self.store.is_some(),
                 String::new(),
             ),
