@@ -414,10 +414,14 @@ fn unseen_span(case: &Case<'_>, name: &'static str, added: &ComposedFit) -> bool
         let (first, span) = (shape(effect.threshold()?)?, shape(effect.span()?)?);
         Some((first, span))
     });
-    let lowest = || case.judged.iter().map(lowest_pu);
-    band.is_some_and(|(first, span)| {
-        lowest().any(|voltage| voltage < first) && shows_no_part(first, span, lowest())
-    })
+    let lowest: Vec<f64> = case.judged.iter().map(lowest_pu).collect();
+    band.is_some_and(|(first, span)| acts_in_unseen_parts(first, span, &lowest))
+}
+
+/// Whether some of the lowest voltages of events are below `first`, and none shows a part of the span below it, pu.
+fn acts_in_unseen_parts(first: f64, span: f64, lowest: &[f64]) -> bool {
+    let acts = lowest.iter().any(|voltage| *voltage < first);
+    acts && shows_no_part(first, span, lowest.iter().copied())
 }
 
 /// Holds against the gate, of trials whose best come first, whatever might be claimed and come near the first that
@@ -496,4 +500,41 @@ fn is_of_ordinary_size(declaration: &Declaration, estimate: &ParameterEstimate) 
 fn at_wrong_end(declaration: &Declaration, estimate: &ParameterEstimate) -> bool {
     amplitude_declared(declaration, estimate)
         .is_some_and(|p| (estimate.value - p.neutral).abs() > 0.5 * (p.upper - p.neutral))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_relay_below_every_event_has_no_unseen_part() {
+        let lowest = [0.9, 0.56];
+        assert!(!acts_in_unseen_parts(0.5, 0.05, &lowest));
+        assert!(!acts_in_unseen_parts(0.6, 0.05, &lowest));
+        assert!(acts_in_unseen_parts(0.7, 0.05, &lowest));
+    }
+
+    #[test]
+    fn a_phase_error_that_few_instruments_have_is_no_ordinary_one() {
+        let is_ordinary = |effect: &str, own: &str, value: f64| {
+            let declaration = effects::find(effect).unwrap().declaration();
+            let estimate = ParameterEstimate {
+                name: format!("{effect}.{own}"),
+                meaning: String::new(),
+                value,
+                unit: String::new(),
+                lower: -1.0,
+                upper: 1.0,
+                standard_error: None,
+                at_bound: false,
+                identifiable: true,
+                interval: None,
+            };
+            is_of_ordinary_size(declaration, &estimate)
+        };
+        assert!(is_ordinary("ratio_phase_error", "angle_rad", -0.019));
+        assert!(!is_ordinary("ratio_phase_error", "angle_rad", -0.021));
+        // No more is believed of a skew than its bounds.
+        assert!(is_ordinary("time_skew", "delay_s", 0.07));
+    }
 }
